@@ -1,0 +1,198 @@
+"""The random-matrix model: reductions to the Kalman filter and PDA, shape ratio, invariances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.stats import wishart
+
+from maritrack.config import ModelConfig
+from maritrack.objects import giw, matrix2
+from maritrack.objects.giw import Giw
+from maritrack.types import Clusters
+
+EXACT = 1e-9
+POINT = ModelConfig(extent="point", centroid_n_max=0)
+EXTENDED = ModelConfig(centroid_n_max=0, alpha_max=1e9, min_axis_m=1e-3, max_axis_m=1e5)
+
+
+def clusters(mean: np.ndarray, R: np.ndarray, count: int = 1, scatter: np.ndarray | None = None) -> Clusters:
+    c = len(mean)
+    return Clusters(
+        mean_m=mean, scatter_m2=np.zeros((c, 2, 2)) if scatter is None else scatter, count=np.full(c, count),
+        weight_sq=np.full(c, 1.0 / count), noise_m2=R, t_ns=np.zeros(c, np.int64), range_m=np.zeros(c),
+        azimuth_rad=np.zeros(c), intensity=np.ones(c), label=np.zeros(0, np.int64),
+    )  # fmt: skip
+
+
+def spd(rng: np.random.Generator, n: int, d: int, scale: float) -> np.ndarray:
+    a = rng.normal(size=(n, d, d))
+    return scale * (a @ a.transpose(0, 2, 1) + 0.5 * np.eye(d))
+
+
+def objects(rng: np.random.Generator, n: int, *, extent: bool) -> Giw:
+    X = spd(rng, n, 2, 400.0) if extent else np.zeros((n, 2, 2))
+    return Giw(rng.normal(0, 50, (n, 4)), spd(rng, n, 4, 30.0), X, rng.uniform(4, 40, n))
+
+
+def all_pairs(d: Giw, z: Clusters, model: ModelConfig, dt: float = 0.0) -> giw.Pairs:
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(len(d)), np.arange(len(z)), indexing="ij"))
+    return giw.pair_up(d, z, i, j, np.full(len(i), dt), model)
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(st.integers(0, 10_000), st.floats(0, 5))
+def test_a_point_object_with_a_certain_cluster_is_the_kalman_filter(seed: int, dt: float) -> None:
+    rng = np.random.default_rng(seed)
+    d = objects(rng, 1, extent=False)
+    z = clusters(rng.normal(0, 50, (1, 2)), spd(rng, 1, 2, 20.0))
+    F, q = np.eye(4), POINT.accel_psd_m2ps3
+    F[0, 2] = F[1, 3] = dt
+    Q = q * np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(2))
+    x, P = F @ d.x[0], F @ d.P[0] @ F.T + Q
+    H = np.eye(2, 4)
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + z.noise_m2[0])
+    x, P = x + K @ (z.mean_m[0] - H @ x), (np.eye(4) - K @ H) @ P
+    p = giw.predict(d, np.array([dt]), POINT)
+    u = giw.update(p, z, all_pairs(p, z, POINT), np.ones(1), np.zeros(1), POINT)
+    assert_allclose(u.x[0], x, rtol=EXACT, atol=1e-7)
+    assert_allclose(u.P[0], P, rtol=1e-7, atol=1e-6)
+
+
+def test_a_cluster_of_an_earlier_time_is_the_kalman_update_of_the_moved_state() -> None:
+    rng = np.random.default_rng(3)
+    d, dt = objects(rng, 1, extent=False), -1.7
+    z = clusters(rng.normal(0, 50, (1, 2)), spd(rng, 1, 2, 20.0))
+    H = np.array([[1, 0, dt, 0], [0, 1, 0, dt]])
+    S = H @ d.P[0] @ H.T + z.noise_m2[0]
+    K = d.P[0] @ H.T @ np.linalg.inv(S)
+    u = giw.update(d, z, all_pairs(d, z, POINT, dt), np.ones(1), np.zeros(1), POINT)
+    assert_allclose(u.x[0], d.x[0] + K @ (z.mean_m[0] - H @ d.x[0]), rtol=EXACT)
+    assert_allclose(u.P[0], d.P[0] - K @ S @ K.T, rtol=EXACT, atol=1e-8)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.integers(1, 4))
+def test_soft_update_is_the_moment_matched_mixture_of_single_updates(seed: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    d = objects(rng, 1, extent=True)
+    z = clusters(rng.normal(0, 60, (m, 2)), spd(rng, m, 2, 20.0), 6, spd(rng, m, 2, 900.0))
+    w = rng.dirichlet(np.ones(m + 1))
+    pairs = all_pairs(d, z, EXTENDED)
+    single = [
+        giw.update(d, z, pairs, (np.arange(m) == j).astype(float), np.zeros(1), EXTENDED) for j in range(m)
+    ]
+    mean = w[0] * d.x[0] + sum(w[j + 1] * s.x[0] for j, s in enumerate(single))
+    outer = [w[0] * (d.P[0] + np.outer(d.x[0] - mean, d.x[0] - mean))]
+    outer += [w[j + 1] * (s.P[0] + np.outer(s.x[0] - mean, s.x[0] - mean)) for j, s in enumerate(single)]
+    u = giw.update(d, z, pairs, w[1:], w[:1], EXTENDED)
+    assert_allclose(u.x[0], mean, rtol=1e-8, atol=1e-8)
+    assert_allclose(u.P[0], sum(outer), rtol=1e-7, atol=1e-6)
+    assert_allclose(u.X[0], w[0] * d.X[0] + sum(w[j + 1] * s.X[0] for j, s in enumerate(single)), rtol=1e-8)
+
+
+@pytest.mark.eq("polar-10")
+def test_plugin_shape_ratio_is_the_ratio_of_wishart_densities() -> None:
+    rng = np.random.default_rng(5)
+    model = replace(EXTENDED, shape="plugin", shape_n_max=0)
+    d, n = objects(rng, 1, extent=True), 9
+    z = clusters(np.zeros((1, 2)), spd(rng, 1, 2, 5.0), n, spd(rng, 1, 2, 2000.0))
+    pairs, V0 = all_pairs(d, z, model), spd(rng, 1, 2, 700.0)
+    V1 = model.rho * d.X[0] + z.noise_m2[0]
+    truth = wishart.logpdf(z.scatter_m2[0], n - 1, V1) - wishart.logpdf(z.scatter_m2[0], n - 1, V0[0])
+    assert_allclose(giw.log_shape_ratio(d, z, pairs, V0, model), truth, rtol=1e-9)
+
+
+def test_predictive_shape_ratio_tends_to_the_plugin_as_both_extents_become_certain() -> None:
+    rng = np.random.default_rng(6)
+    Z, V = spd(rng, 1, 2, 900.0), spd(rng, 1, 2, 150.0)
+    m, alpha = np.array([7.0]), np.array([1e7])
+    limit = -0.5 * m * np.log(matrix2.det(V)) - 0.5 * matrix2.trace_product(matrix2.inverse(V), Z)
+    W = 3.0 * V
+    other = -0.5 * m * np.log(matrix2.det(W)) - 0.5 * matrix2.trace_product(matrix2.inverse(W), Z)
+    ours = giw._log_marginal(Z, m, V, alpha) - giw._log_marginal(Z, m, W, alpha)
+    assert_allclose(ours, limit - other, rtol=1e-4)
+
+
+@pytest.mark.parametrize("shape", ["plugin", "predictive"])
+def test_shape_ratio_is_finite_for_points_on_one_line_and_zero_for_one_point(shape: str) -> None:
+    rng = np.random.default_rng(7)
+    model = replace(EXTENDED, shape=shape)
+    d = objects(rng, 1, extent=True)
+    line = np.array([[[900.0, 0], [0, 0]]])
+    V0 = spd(rng, 1, 2, 700.0)
+    z = clusters(np.zeros((1, 2)), spd(rng, 1, 2, 5.0), 5, line)
+    assert np.isfinite(giw.log_shape_ratio(d, z, all_pairs(d, z, model), V0, model)).all()
+    z = clusters(np.zeros((1, 2)), spd(rng, 1, 2, 5.0))
+    assert_allclose(giw.log_shape_ratio(d, z, all_pairs(d, z, model), V0, model), 0.0, atol=1e-12)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.floats(-math.pi, math.pi))
+def test_turning_the_world_turns_the_update(seed: int, angle: float) -> None:
+    rng = np.random.default_rng(seed)
+    c, s = math.cos(angle), math.sin(angle)
+    T, T4 = np.array([[c, -s], [s, c]]), np.kron(np.eye(2), np.array([[c, -s], [s, c]]))
+    d = objects(rng, 2, extent=True)
+    z = clusters(rng.normal(0, 60, (3, 2)), spd(rng, 3, 2, 20.0), 6, spd(rng, 3, 2, 900.0))
+    turned = Giw(d.x @ T4.T, T4 @ d.P @ T4.T, T @ d.X @ T.T, d.alpha)
+    z_turned = replace(z, mean_m=z.mean_m @ T.T, noise_m2=T @ z.noise_m2 @ T.T, scatter_m2=T @ z.scatter_m2 @ T.T)
+    beta, beta0 = np.full(6, 0.3), np.full(2, 0.1)
+    a = giw.update(d, z, all_pairs(d, z, EXTENDED), beta, beta0, EXTENDED)
+    b = giw.update(turned, z_turned, all_pairs(turned, z_turned, EXTENDED), beta, beta0, EXTENDED)
+    assert_allclose(b.x, a.x @ T4.T, rtol=1e-7, atol=1e-7)
+    assert_allclose(b.X, T @ a.X @ T.T, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.eq("polar-12")
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.floats(-3, 3))
+def test_gate_equals_its_definition(seed: int, dt: float) -> None:
+    rng = np.random.default_rng(seed)
+    d = objects(rng, 6, extent=True)
+    z = clusters(rng.normal(0, 90, (8, 2)), spd(rng, 8, 2, 20.0))
+    i, j = giw.gate(d, z, np.full((6, 8), dt), 9.21, EXTENDED)
+    H = np.array([[1, 0, dt, 0], [0, 1, 0, dt]])
+    inside = set()
+    for a in range(6):
+        for b in range(8):
+            S = H @ d.P[a] @ H.T + EXTENDED.rho * d.X[a] + z.noise_m2[b]
+            nu = z.mean_m[b] - H @ d.x[a]
+            if nu @ np.linalg.solve(S, nu) <= 9.21:
+                inside.add((a, b))
+    assert set(zip(i.tolist(), j.tolist(), strict=True)) == inside
+
+
+@pytest.mark.eq("polar-7")
+def test_extent_of_a_filled_ellipse_settles_at_its_axes() -> None:
+    rng, model = np.random.default_rng(8), ModelConfig()
+    X = np.array([[50.0**2, 0], [0, 10.0**2]])
+    R = np.eye(2)[None]
+    d: Giw | None = None
+    for _ in range(60):
+        u = rng.normal(size=(40, 2))
+        u = u / np.linalg.norm(u, axis=1)[:, None] * np.sqrt(rng.uniform(size=(40, 1)))
+        pts = u @ np.sqrt(X) + rng.normal(size=(40, 2))
+        mean = pts.mean(0)[None]
+        z = clusters(mean, R, 40, ((pts - mean).T @ (pts - mean))[None])
+        if d is None:
+            d = giw.birth(z, model)
+        d = giw.predict(d, np.array([2.5]), model)
+        d = giw.update(d, z, all_pairs(d, z, model), np.ones(1), np.zeros(1), model)
+    assert d is not None
+    axes = np.sqrt(matrix2.eigen(d.X)[0][0])
+    assert_allclose(axes, [50.0, 10.0], rtol=0.1)
+
+
+def test_no_cluster_and_no_object_are_normal() -> None:
+    none = giw.birth(clusters(np.zeros((0, 2)), np.zeros((0, 2, 2))), EXTENDED)
+    z = clusters(np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    i, j = giw.gate(none, z, np.zeros((0, 0)), 9.21, EXTENDED)
+    assert len(none) == len(i) == len(j) == 0
+    assert len(giw.update(none, z, all_pairs(none, z, EXTENDED), np.zeros(0), np.zeros(0), EXTENDED)) == 0
