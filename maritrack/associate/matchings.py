@@ -1,0 +1,237 @@
+"""Sums over all partial matchings of the rows and columns of a group: how likely is each pair?
+
+Rows and columns are alike here (tracks and measurements, in either role). A matching weighs the
+product of exp(log_psi) over its pairs; what stays single has weight one. Three ways:
+`small_groups` (many groups at once), `frontier` (one group, exact) and `loopy` (any, approximate).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from maritrack.types import BoolArray, FloatArray, IntArray
+
+LOOPY_TOLERANCE = 1e-8  # largest change of a log message at which loopy() stops
+LOOPY_ITERATIONS = 1000
+
+
+def potentials(log_psi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Offsets of rows (l,) and columns (s,), >= 0, that make the heaviest matching weigh exactly one.
+
+    They are dual variables of the optimal assignment: with every row and column, single or
+    paired, divided by the exponential of its offset no factor exceeds one, so that sums over
+    matchings neither overflow nor lose the matchings that count, whatever the size of log_psi.
+    """
+    gain = np.maximum(log_psi, 0.0)
+    rows, cols = linear_sum_assignment(gain, maximize=True)
+    paired = gain[rows, cols] > 0.0
+    rows, cols = rows[paired], cols[paired]
+    own = np.zeros(len(gain))
+    own[rows] = gain[rows, cols]
+    v = np.zeros(gain.shape[1])
+    for _ in range(len(rows) + 1):  # longest paths from the single nodes: the least feasible v
+        left = -own
+        left[rows] += v[cols]
+        raised = np.maximum((gain + left[:, None]).max(axis=0), 0.0)
+        if np.array_equal(raised, v):
+            break
+        v = raised
+    u = own
+    u[rows] -= v[cols]
+    return np.maximum(u, 0.0), v
+
+
+@cache
+def _sets(n_cols: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """For each set of columns (2^s) and column (s,): the set with it, the set without it, and 1 where it lacks it.
+
+    2^s, the place of a constant zero, where the set has the column already (or lacks it already).
+    """
+    sets, bits = np.arange(1 << n_cols)[:, None], 1 << np.arange(n_cols)
+    has = (sets & bits) > 0
+    return np.where(has, len(sets), sets | bits), np.where(has, sets & ~bits, len(sets)), (~has).astype(np.float64)
+
+
+def small_groups(log_psi: FloatArray, row_offset: FloatArray, col_offset: FloatArray) -> FloatArray:
+    """Pair probabilities (g, l, s) of g groups of l rows and few columns s, padded with -inf.
+
+    Forward-backward over the rows; the state is the set of columns used so far. Offsets (g, l)
+    and (g, s) as of `potentials`, or any others that keep the sums within the range of a double.
+    """
+    n_groups, n_rows, n_cols = log_psi.shape
+    added, removed, lacks = _sets(n_cols)
+    n_sets = len(added)
+    stay = np.exp(-row_offset).T[:, :, None]
+    pair = np.exp(log_psi - row_offset[:, :, None] - col_offset[:, None, :]).swapaxes(0, 1)
+    before = np.zeros((n_rows + 1, n_groups, n_sets + 1))
+    after = np.zeros((n_rows + 1, n_groups, n_sets + 1))
+    before[0, :, 0] = 1.0
+    after[n_rows, :, :n_sets] = np.exp(-(col_offset @ lacks.T))
+    for k, j in zip(range(n_rows), reversed(range(n_rows)), strict=True):
+        paired = (before[k].take(removed, axis=1) @ pair[k, :, :, None])[:, :, 0]
+        before[k + 1, :, :n_sets] = stay[k] * before[k, :, :n_sets] + paired
+        paired = (after[j + 1].take(added, axis=1) @ pair[j, :, :, None])[:, :, 0]
+        after[j, :, :n_sets] = stay[j] * after[j + 1, :, :n_sets] + paired
+    around = (before[:-1, :, None, :n_sets] @ after[1:].take(added, axis=2))[:, :, 0]
+    return np.asarray(pair * around / after[0, :, :1], dtype=np.float64).swapaxes(0, 1)
+
+
+def row_order(log_psi: FloatArray) -> tuple[IntArray, int]:
+    """Order of rows (l,) that keeps few columns open at a time, and the largest number open.
+
+    A column is open from its first to its last row; `frontier` costs 2^open. Greedy: next is the
+    row that opens the fewest more than it closes; ties go by weight, so that the numbering of
+    rows and columns has no part in it.
+    """
+    bits = [int("".join("1" if x else "0" for x in row), 2) for row in (log_psi > -np.inf).tolist()]
+    rest = np.argsort(log_psi.max(axis=1)).tolist()
+    order: list[int] = []
+    is_open = widest = 0
+    while rest:
+        once = twice = 0
+        for k in rest:
+            twice |= once & bits[k]
+            once |= bits[k]
+        last = once & ~twice  # columns that a single remaining row has
+        best = min(
+            rest, key=lambda k: ((bits[k] & ~is_open).bit_count() - (bits[k] & last).bit_count(), bits[k].bit_count())
+        )
+        is_open |= bits[best]
+        widest = max(widest, is_open.bit_count())
+        is_open &= ~(bits[best] & last)
+        order.append(best)
+        rest.remove(best)
+    return np.array(order, dtype=np.int64), widest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """One row of `frontier`: the table before it, and the columns by the bit they have at that time."""
+
+    row: int
+    table: FloatArray  # (2^open,) after the row's new columns were opened as highest bits
+    linked: list[tuple[int, int]]  # (column, bit)
+    closed: list[tuple[int, int]]  # (column, bit) in the order of closing
+    n_opened: int
+
+
+def frontier(log_psi: FloatArray, order: IntArray) -> FloatArray:
+    """Pair probabilities (l, s) of one group, exact; rows are visited in the given order.
+
+    As `small_groups`, but a column leaves the state after its last row, so that the cost is two to
+    the power of the columns that are open at once (see `row_order`).
+    """
+    u, v = potentials(log_psi)
+    stay, single = np.exp(-u), np.exp(-v)
+    pair = np.exp(log_psi - u[:, None] - v)
+    steps, total = _forward(log_psi > -np.inf, order, stay, single, pair)
+    probability = np.zeros_like(pair)
+    after = np.ones(1)
+    for step in reversed(steps):
+        for s, bit in reversed(step.closed):
+            low = after.reshape(-1, 1, 1 << bit)
+            after = np.concatenate([single[s] * low, low], axis=1).ravel()
+        earlier = stay[step.row] * after
+        for s, bit in step.linked:
+            taken = _halves(after, bit)[:, 1]
+            around = np.vdot(_halves(step.table, bit)[:, 0], taken)
+            probability[step.row, s] = pair[step.row, s] * around / total
+            _halves(earlier, bit)[:, 0] += pair[step.row, s] * taken
+        after = earlier[: len(earlier) >> step.n_opened]
+    return probability
+
+
+def _forward(
+    linked: BoolArray, order: IntArray, stay: FloatArray, single: FloatArray, pair: FloatArray
+) -> tuple[list[_Step], float]:
+    """First half of `frontier`: the table before each row, and the sum over all matchings."""
+    last = len(order) - 1 - np.argmax(linked[order[::-1]], axis=0)  # step after which a column closes
+    is_open: list[int] = []  # columns, lowest bit first
+    steps: list[_Step] = []
+    table = np.ones(1)
+    for k, row in enumerate(order.tolist()):
+        mine = np.flatnonzero(linked[row]).tolist()
+        opened = [s for s in mine if s not in is_open]
+        is_open += opened
+        table = np.concatenate([table, np.zeros((len(table) << len(opened)) - len(table))])
+        bits = [(s, is_open.index(s)) for s in mine]
+        later = stay[row] * table
+        for s, bit in bits:
+            _halves(later, bit)[:, 1] += pair[row, s] * _halves(table, bit)[:, 0]
+        closed = []
+        for s in [s for s in mine if last[s] == k]:
+            bit = is_open.index(s)
+            closed.append((s, bit))
+            is_open.remove(s)
+            later = (single[s] * _halves(later, bit)[:, 0] + _halves(later, bit)[:, 1]).ravel()
+        steps.append(_Step(row, table, bits, closed, len(opened)))
+        table = later
+    return steps, float(table[0])
+
+
+def _halves(table: FloatArray, bit: int) -> FloatArray:
+    """View (high, 2, low) of a table over column sets: middle index = is the column of this bit used."""
+    return table.reshape(-1, 2, 1 << bit)
+
+
+def loopy(row: IntArray, col: IntArray, log_psi: FloatArray) -> FloatArray:
+    """Approximate pair probabilities (k,) of a pair list by belief propagation (Williams & Lau 2014).
+
+    In the log domain, and each sum over the others is formed from them and not by taking the own
+    term off, which would cancel. Exact without cycles; the iteration always converges.
+    """
+    by_row, by_col = _padded(row), _padded(col)
+    weight = np.append(log_psi, -np.inf)  # the last one fills the gaps of the padded lists
+    mu, nu = np.full_like(weight, -np.inf), np.zeros_like(weight)
+    for _ in range(LOOPY_ITERATIONS):
+        mu[by_row] = weight[by_row] - _log_one_plus_others((weight + nu)[by_row])
+        mu[-1] = -np.inf
+        changed = np.zeros_like(nu)
+        changed[by_col] = -_log_one_plus_others(mu[by_col])
+        changed[-1] = 0.0
+        step = np.max(np.abs(changed - nu))
+        nu = changed
+        if step < LOOPY_TOLERANCE:
+            break
+    message = weight + nu
+    total = np.zeros_like(message)
+    total[by_row] = np.logaddexp.reduce(message[by_row], axis=1, initial=0.0)[:, None]
+    return np.asarray(np.exp(message - total)[:-1], dtype=np.float64)
+
+
+def _padded(node: IntArray) -> IntArray:
+    """Pairs of each node that has any, (nodes, most pairs of a node), filled up with len(node)."""
+    order = np.argsort(node, kind="stable")
+    _, start, count = np.unique(node[order], return_index=True, return_counts=True)
+    lists = np.full((len(start), count.max()), len(node), dtype=np.int64)
+    place = np.arange(len(node)) - np.repeat(start, count)
+    lists[np.repeat(np.arange(len(start)), count), place] = order
+    return lists
+
+
+def _log_one_plus_others(x: FloatArray) -> FloatArray:
+    """log(1 + sum of exp over the other entries of the row), for each entry of (n, d).
+
+    What is left after taking an entry off the sum is at least as large as the entry, unless that
+    is the largest one: nothing cancels if that one gets a sum of its own.
+    """
+    rows, largest = np.arange(len(x)), np.argmax(x, axis=1)
+    scale, terms, total = _scaled_sum(x)
+    second = x.copy()
+    second[rows, largest] = -np.inf
+    terms[rows, largest] = 0.0
+    logs = np.log(total[:, None] - terms) + scale[:, None]
+    scale, _, total = _scaled_sum(second)
+    logs[rows, largest] = np.log(total) + scale
+    return np.asarray(logs, dtype=np.float64)
+
+
+def _scaled_sum(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log scale (n,), terms exp(x - scale) (n, d) and their sum with exp(-scale) (n,), which is 1 or more."""
+    scale = np.maximum(x.max(axis=1), 0.0)
+    terms = np.exp(x - scale[:, None])
+    return scale, terms, terms.sum(axis=1) + np.exp(-scale)

@@ -1,0 +1,25 @@
+"""The table of trackers: a name and what builds it from a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from maritrack.config import Config
+from maritrack.trackers.jipda import Jipda
+from maritrack.types import Clusters, Points, Scan, Tracks
+
+
+class Tracker(Protocol):
+    """Settings with three functions; the state is a value that is handed along."""
+
+    def init(self) -> Any: ...
+
+    def update(self, state: Any, scan: Scan, points: Points, clusters: Clusters) -> tuple[Any, Any]: ...
+
+    def estimate(self, state: Any) -> Tracks: ...
+
+
+TRACKERS: dict[str, Callable[[Config], Tracker]] = {
+    "jipda": Jipda,
+}

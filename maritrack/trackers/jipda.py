@@ -1,0 +1,164 @@
+"""Joint integrated probabilistic data association on random matrices.
+
+Musicki, Evans 2002, with clusters as single measurements (polar, sec. II). Exact marginals per connected
+group of tracks and clusters; groups beyond `tracker.exact_limit` by loopy belief propagation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maritrack.associate.marginals import sparse_marginals
+from maritrack.cluster.stage import cylinder_radius_m
+from maritrack.config import Config
+from maritrack.objects import giw
+from maritrack.trackers import tracklist
+from maritrack.trackers.tracklist import NS, TrackList
+from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """What is worth knowing about one update."""
+
+    n_pairs: int = 0
+    n_inexact: int = 0  # groups beyond the exact limit
+    clock_back: bool = False
+    born: int = 0
+    clutter_density: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Jipda:
+    """Settings; the state is a TrackList."""
+
+    config: Config
+
+    def init(self) -> TrackList:
+        """No tracks."""
+        return tracklist.empty()
+
+    def update(self, state: TrackList, scan: Scan, points: Points, clusters: Clusters) -> tuple[TrackList, Info]:
+        """Predict every track to the beam's time, associate, update, start and end tracks."""
+        config, model = self.config, self.config.model
+        tracks, clock_back = predict(state, scan, points, config)
+        d, lam = tracks.density, self._clutter_density(tracks)
+        dt = (clusters.t_ns[None, :] - tracks.t_ns[:, None]) * NS
+        i, j = giw.gate(d, clusters, dt, gate_limit(model.p_gate), model)
+        pairs = giw.pair_up(d, clusters, i, j, dt[i, j], model)
+        p_detect = self._p_detect(tracks, scan)
+        log_w, log_w0 = self._log_weights(tracks, clusters, pairs, scan, points, p_detect, lam)
+        beta, beta0, inexact = sparse_marginals(
+            i, j, log_w, log_w0, len(tracks), len(clusters), exact_limit=config.tracker.exact_limit
+        )
+        existence, given, given0 = condition_on_existence(tracks.existence, p_detect * model.p_gate, i, beta, beta0)
+        density = giw.update(d, clusters, pairs, given, given0, model)
+        hit = beta0 < 0.5
+        tracks = replace(
+            tracks,
+            density=density,
+            existence=existence,
+            hits=tracks.hits + hit,
+            misses=np.where(hit, 0, np.where(p_detect > 0, tracks.misses + 1, tracks.misses)),
+            cluster=most_likely(i, j, beta, hit, len(tracks)),
+        )
+        tracks = tracklist.follow(tracks, (tracks.t_ns - state.t_ns) * NS, config.tracker)
+        unexplained = 1.0 - np.bincount(j, beta, len(clusters))
+        lam_next = tracklist.clutter_estimate(tracks, float(unexplained.sum()), self._area_m2(scan, clusters), config)
+        tracks = tracklist.manage(replace(tracks, clutter_density=lam_next), config)
+        free = np.flatnonzero(unexplained > 0.5)
+        r0 = tracklist.birth_existence(config, lam_next)
+        tracks = tracklist.start(tracks, clusters, free, self._birth_time(scan, points, clusters, free), r0, config)
+        return tracks, Info(len(i), inexact, clock_back, len(free), lam_next)
+
+    def estimate(self, state: TrackList) -> Tracks:
+        """Tracks at their own times."""
+        return tracklist.estimate(state, self.config.tracker)
+
+    def _clutter_density(self, tracks: TrackList) -> float:
+        return tracks.clutter_density or self.config.model.clutter_density_per_m2
+
+    def _p_detect(self, tracks: TrackList, scan: Scan) -> FloatArray:
+        seen = tracklist.visible(scan, tracks.density.x[:, :2], self.config.input.roi_min_m, self.config.input.roi_max_m)
+        return np.where(seen, self.config.model.p_detect, 0.0)
+
+    def _log_weights(
+        self, tracks: TrackList, clusters: Clusters, pairs: giw.Pairs, scan: Scan, points: Points,
+        p_detect: FloatArray, lam: float,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """log P_D r N / lambda * shape of pairs (k,) and log(1 - P_D P_G r) of tracks (t,).
+
+        P_D P_G r times the normalised likelihood of eq. 9, in which 1/P_G cancels.   Eq: polar-9
+        """
+        config, model = self.config, self.config.model
+        polar = config.cluster.method == "polar-dbscan"
+        eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
+        V0 = giw.clutter_scatter(clusters, scan.position_m, eps_m, cylinder_radius_m(points, scan) if polar else 0.0)
+        shape = giw.log_shape_ratio(tracks.density, clusters, pairs, V0, model)
+        detected = p_detect * tracks.existence
+        with np.errstate(divide="ignore"):  # a track out of sight has weight 0, its log is -inf
+            log_detected = np.log(detected)[pairs.i]
+        log_w = log_detected + giw.log_centroid(pairs) - math.log(lam) + shape
+        return log_w, np.log(np.maximum(1.0 - detected * model.p_gate, 1e-12))
+
+    def _area_m2(self, scan: Scan, clusters: Clusters) -> float:
+        """Area that the scan looked at: of the radar's disc, else of the box around its clusters."""
+        reach = min(scan.sensor.max_range_m, self.config.input.roi_max_m)
+        if math.isfinite(reach):
+            share = 1.0 if scan.swept is None else float(scan.swept.mean())
+            return share * math.pi * (reach**2 - min(self.config.input.roi_min_m, reach) ** 2)
+        if len(clusters) < 3:
+            return math.inf
+        east, north = np.ptp(clusters.mean_m, axis=0)
+        return float(east * north)
+
+    def _birth_time(self, scan: Scan, points: Points, clusters: Clusters, free: IntArray) -> IntArray:
+        return tracklist.beam_time(scan, points, clusters.mean_m[free])
+
+
+def predict(state: TrackList, scan: Scan, points: Points, config: Config) -> tuple[TrackList, bool]:
+    """Tracks at the time when the beam of this scan passes them; whether a clock stepped back.
+
+    A scan that is older than a track doesn't move it.
+    """
+    middle_ns = (scan.t_ns + scan.t_start_ns) // 2
+    ahead = np.maximum((middle_ns - state.t_ns) * NS, 0.0)
+    rough = state.density.x[:, :2] + ahead[:, None] * state.density.x[:, 2:]
+    t_ns = tracklist.beam_time(scan, points, rough)
+    dt = (t_ns - state.t_ns) * NS
+    back = bool((dt < 0).any())
+    dt = np.maximum(dt, 0.0)
+    existence = state.existence * config.model.p_survive**dt
+    density = giw.predict(state.density, dt, config.model)
+    return replace(state, density=density, t_ns=np.maximum(t_ns, state.t_ns), existence=existence), back
+
+
+def gate_limit(p_gate: float) -> float:
+    """Squared Mahalanobis distance that holds p_gate of a Gaussian of two dimensions."""
+    return -2.0 * math.log1p(-p_gate)
+
+
+def condition_on_existence(
+    r: FloatArray, p_seen: FloatArray, i: IntArray, beta: FloatArray, beta0: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Posterior existence (t,), and the weights of pairs (k,) and of a miss (t,) given that the track exists.
+
+    A missed track may still exist; an associated one does.   Eq: polar-8
+    """
+    if_missed = np.divide((1 - p_seen) * r, 1 - p_seen * r, out=np.zeros_like(r), where=1 - p_seen * r > 0)
+    missed = beta0 * if_missed
+    associated = np.bincount(i, beta, len(r))
+    existence = np.clip(associated + missed, 0.0, 1.0)
+    scale = np.divide(1.0, existence, out=np.zeros_like(r), where=existence > 0)
+    return existence, beta * scale[i], missed * scale
+
+
+def most_likely(i: IntArray, j: IntArray, beta: FloatArray, hit: BoolArray, n: int) -> IntArray:
+    """Cluster of the largest weight of each track (n,), -1 where the track was missed."""
+    best = np.full(n, -1, np.int64)
+    order = np.lexsort((beta, i))
+    best[i[order]] = j[order]  # the last one written, the largest weight, stays
+    return np.where(hit, best, -1)

@@ -1,0 +1,204 @@
+"""The state of trackers that keep a list of tracks, and the steps they share: coverage, births, ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from maritrack import geo
+from maritrack.config import Config, TrackerConfig
+from maritrack.objects import giw, matrix2
+from maritrack.objects.giw import Giw
+from maritrack.types import COASTED, CONFIRMED, TENTATIVE, BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
+
+NS = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackList:
+    """All that survives from one scan to the next. Rows are tracks, ordered by id."""
+
+    density: Giw
+    t_ns: IntArray  # (t,) the time of the density
+    existence: FloatArray  # (t,)
+    id: IntArray  # (t,)
+    hits: IntArray  # (t,) scans with an association weight above one half
+    misses: IntArray  # (t,) scans in a row without
+    confirmed: BoolArray  # (t,)
+    lag_m: FloatArray  # (t, 2) position that follows with the time constant of the judgement of motion
+    cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
+    next_id: int = 1
+    clutter_density: float = 0.0  # running estimate, per m^2; 0 = none yet
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+def empty() -> TrackList:
+    """No track yet."""
+    none = np.zeros(0, np.int64)
+    return TrackList(
+        Giw(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros((0, 2, 2)), np.zeros(0)),
+        none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), none,
+    )  # fmt: skip
+
+
+def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
+    """The tracks `index`, in that order."""
+    d = tracks.density
+    return replace(
+        tracks, density=Giw(d.x[index], d.P[index], d.X[index], d.alpha[index]), t_ns=tracks.t_ns[index],
+        existence=tracks.existence[index], id=tracks.id[index], hits=tracks.hits[index], misses=tracks.misses[index],
+        confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], cluster=tracks.cluster[index],
+    )  # fmt: skip
+
+
+def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
+    """When the beam passes each position (n, 2) in this scan, int64 ns (n,).
+
+    From the spokes of the video; without video from the azimuth of the first point and the length of the
+    turn; where all points have one time, that time.
+    """
+    offset = position_m - scan.position_m
+    azimuth = np.arctan2(offset[:, 0], offset[:, 1])
+    video = scan.video
+    if video is not None and len(video.azimuth_rad) > 1:
+        steps = geo.wrap(np.diff(video.azimuth_rad))
+        unwrapped = np.concatenate([[0.0], np.cumsum(steps)])
+        forward = np.maximum.accumulate(unwrapped)  # a repeated or backward spoke doesn't turn time back
+        turned = geo.wrap_positive(azimuth - video.azimuth_rad[0])
+        since_ns = np.interp(turned, forward, (video.t_ns - video.t_ns[0]).astype(np.float64))
+        return np.asarray(video.t_ns[0] + np.rint(since_ns).astype(np.int64))
+    duration_ns = scan.t_ns - scan.t_start_ns
+    if duration_ns <= 0 or len(points) == 0 or np.ptp(points.t_ns) == 0:
+        return np.full(len(position_m), scan.t_ns, np.int64)
+    first = int(np.argmin(points.t_ns))
+    turned = geo.wrap_positive(azimuth - points.azimuth_rad[first]) / geo.TWO_PI
+    return np.asarray(scan.t_start_ns + np.rint(turned * duration_ns).astype(np.int64))
+
+
+def visible(scan: Scan, position_m: FloatArray, roi_min_m: float, roi_max_m: float) -> BoolArray:
+    """Whether this scan looked at each position (n, 2)."""
+    r, azimuth = geo.en_to_polar(position_m - scan.position_m)
+    seen = (r >= roi_min_m) & (r <= min(scan.sensor.max_range_m, roi_max_m))
+    if scan.swept is not None:
+        seen &= scan.swept[np.minimum((azimuth / geo.TWO_PI * len(scan.swept)).astype(int), len(scan.swept) - 1)]
+    return np.asarray(seen)
+
+
+def birth_existence(config: Config, clutter_density: float) -> float:
+    """Existence of a new track: given, or P_D b / (lambda + P_D b) from the birth density b."""
+    if config.tracker.birth_existence > 0:
+        return config.tracker.birth_existence
+    born = config.model.p_detect * config.tracker.birth_density_per_m2
+    return born / (clutter_density + born)
+
+
+def start(tracks: TrackList, clusters: Clusters, free: IntArray, t_ns: IntArray, r0: float, config: Config) -> TrackList:
+    """The list with new tracks at the clusters `free`, moved on to their times t_ns (len(free),)."""
+    if len(free) == 0:
+        return tracks
+    t_ns = np.maximum(t_ns, clusters.t_ns[free])
+    new = giw.birth(Clusters(**_rows(clusters, free)), config.model)
+    new = giw.predict(new, (t_ns - clusters.t_ns[free]) * NS, config.model)
+    n, d = len(free), tracks.density
+    join = np.concatenate
+    return replace(
+        tracks,
+        density=Giw(join([d.x, new.x]), join([d.P, new.P]), join([d.X, new.X]), join([d.alpha, new.alpha])),
+        t_ns=join([tracks.t_ns, t_ns]),
+        existence=join([tracks.existence, np.full(n, r0)]),
+        id=join([tracks.id, tracks.next_id + np.arange(n)]),
+        hits=join([tracks.hits, np.ones(n, np.int64)]),
+        misses=join([tracks.misses, np.zeros(n, np.int64)]),
+        confirmed=join([tracks.confirmed, np.zeros(n, bool)]),
+        lag_m=join([tracks.lag_m, clusters.mean_m[free]]),
+        cluster=join([tracks.cluster, free]),
+        next_id=tracks.next_id + n,
+    )
+
+
+def _rows(clusters: Clusters, index: IntArray) -> dict[str, np.ndarray]:
+    names = ("mean_m", "scatter_m2", "count", "weight_sq", "noise_m2", "t_ns", "range_m", "azimuth_rad", "intensity")
+    return {name: getattr(clusters, name)[index] for name in names} | {"label": np.zeros(0, np.int64)}
+
+
+def manage(tracks: TrackList, config: Config) -> TrackList:
+    """Confirm, end and unite tracks.
+
+    A track ends when its existence, its misses in a row, its position or its speed say so; one that is not
+    confirmed and lies on an older one is the same object.
+    """
+    rules, model, d = config.tracker, config.model, tracks.density
+    confirmed = tracks.confirmed | (
+        (tracks.existence >= rules.confirm_existence) & (tracks.hits >= rules.confirm_hits)
+    )
+    sigma2 = np.maximum(d.P[:, 0, 0], d.P[:, 1, 1])
+    alive = (
+        (tracks.existence >= rules.delete_existence)
+        & (tracks.misses <= rules.delete_misses)
+        & (sigma2 <= rules.delete_sigma_m**2)
+        & (np.hypot(d.x[:, 2], d.x[:, 3]) <= model.max_speed_mps)
+    )
+    tracks = replace(tracks, confirmed=confirmed)
+    if rules.duplicate_distance_m > 0:
+        alive &= ~duplicates(tracks, rules)
+    return tracks if alive.all() else select(tracks, alive)
+
+
+def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
+    """Tracks (t,) that are another one over again: near in position and in velocity to a confirmed or older one."""
+    x = tracks.density.x
+    pairs = cKDTree(x[:, :2]).query_pairs(rules.duplicate_distance_m, output_type="ndarray") if len(x) > 1 else None
+    double = np.zeros(len(x), bool)
+    if pairs is None or len(pairs) == 0:
+        return double
+    a, b = pairs.min(axis=1), pairs.max(axis=1)  # a is the older one: rows are ordered by id
+    same = np.hypot(*(x[a, 2:] - x[b, 2:]).T) <= rules.duplicate_speed_mps
+    a, b = a[same], b[same]
+    younger_first = tracks.confirmed[b] & ~tracks.confirmed[a]
+    double[np.where(younger_first, a, b)] = True
+    return double
+
+
+def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackList:
+    """The list with its lagging positions moved on by dt_s (t,)."""
+    share = -np.expm1(-dt_s / rules.moving_time_constant_s)
+    return replace(tracks, lag_m=tracks.lag_m + share[:, None] * (tracks.density.x[:, :2] - tracks.lag_m))
+
+
+def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
+    """Whether each track (t,) is under way: velocity beyond its uncertainty, speed, and way made good.
+
+    Way made good is the distance to a position that follows with a time constant: v tau at a steady v, and
+    little for an echo that jumps to and fro.
+    """
+    d = tracks.density
+    v = d.x[:, 2:]
+    significant = matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > rules.moving_chi2
+    gone = np.hypot(*(d.x[:, :2] - tracks.lag_m).T) > rules.moving_displacement_m
+    fast = np.hypot(v[:, 0], v[:, 1]) > rules.moving_speed_mps
+    return np.asarray(significant & gone & fast & (tracks.hits >= rules.moving_hits))
+
+
+def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
+    """What the list says to the outside."""
+    d = tracks.density
+    status = np.where(tracks.confirmed, np.where(tracks.misses >= rules.coast_misses, COASTED, CONFIRMED), TENTATIVE)
+    return Tracks(
+        id=tracks.id, t_ns=tracks.t_ns, position_m=d.x[:, :2].copy(), velocity_mps=d.x[:, 2:].copy(), cov=d.P,
+        extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=moving(tracks, rules),
+        cluster=tracks.cluster,
+    )  # fmt: skip
+
+
+def clutter_estimate(tracks: TrackList, unexplained: float, area_m2: float, config: Config) -> float:
+    """Clutter density to use now, per m^2: fixed, or a slow mean of the clusters that no track explains."""
+    if config.model.clutter == "fixed" or not math.isfinite(area_m2) or area_m2 <= 0:
+        return config.model.clutter_density_per_m2
+    now = max(unexplained, 0.1) / area_m2
+    old = tracks.clutter_density
+    return now if old <= 0 else 0.95 * old + 0.05 * now

@@ -1,0 +1,123 @@
+"""The judgement of motion, births, ends, beam times and coverage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from maritrack.config import Config, InputConfig, ModelConfig, TrackerConfig
+from maritrack.detect.cells import empty_points
+from maritrack.objects.giw import Giw
+from maritrack.trackers import tracklist
+from maritrack.trackers.tracklist import TrackList
+from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Points, Scan, Sensor, Video
+
+RULES = TrackerConfig()
+
+
+def tracks(n: int, **changes: object) -> TrackList:
+    d = Giw(np.zeros((n, 4)), np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(2), (n, 1, 1)), np.full(n, 4.0))
+    base = TrackList(
+        d, np.zeros(n, np.int64), np.full(n, 0.9), np.arange(1, n + 1), np.full(n, 9), np.zeros(n, np.int64),
+        np.zeros(n, bool), np.zeros((n, 2)), np.full(n, -1), n + 1,
+    )  # fmt: skip
+    return replace(base, **changes)  # type: ignore[arg-type]
+
+
+def turning_scan(*, start: float, spokes: int = 360, backwards_at: int = -1) -> Scan:
+    azimuth = (start + np.arange(spokes) * 2 * np.pi / spokes) % (2 * np.pi)
+    if backwards_at >= 0:
+        azimuth[backwards_at] = azimuth[backwards_at - 3]
+    t = np.arange(spokes) * 10**7
+    video = Video(
+        azimuth_rad=azimuth, width_rad=np.full(spokes, 2 * np.pi / spokes), t_ns=t, first_range_m=5.0, cell_m=10.0,
+        intensity=np.zeros((spokes, 4), np.uint8), cells_used=np.full(spokes, 4),
+    )  # fmt: skip
+    return Scan(Sensor("r", 10.0, 0.017, 5000.0), int(t[-1]), 0, np.zeros(2), np.nan, video=video)
+
+
+def test_beam_time_is_the_time_of_the_spoke_at_that_azimuth_wherever_the_turn_begins() -> None:
+    for start in (0.0, 1.0, 3.5, 6.2):
+        for at in (5, 90, 180, 300):
+            scan = turning_scan(start=start, backwards_at=50)
+            assert scan.video is not None
+            azimuth = scan.video.azimuth_rad[at]
+            position = 1000.0 * np.array([[np.sin(azimuth), np.cos(azimuth)]])
+            assert_allclose(tracklist.beam_time(scan, empty_points(), position), [at * 10**7], atol=2)
+
+
+def test_beam_time_without_video_is_the_common_time_of_the_points() -> None:
+    scan = Scan(Sensor("r", 0, 0, np.inf), 77, 77, np.zeros(2), np.nan)
+    assert tracklist.beam_time(scan, empty_points(), np.ones((3, 2))).tolist() == [77, 77, 77]
+
+
+def test_beam_time_of_plots_counts_from_the_first_plot() -> None:
+    azimuth = np.array([0.5, 2.0, 4.0])
+    xy = np.stack([np.sin(azimuth), np.cos(azimuth)], 1) * 900
+    t = (1e9 * (azimuth - 0.5) / (2 * np.pi)).astype(np.int64)
+    points = Points(
+        range_m=np.full(3, 900.0), azimuth_rad=azimuth, position_m=xy, intensity=np.ones(3), t_ns=t,
+        range_width_m=np.zeros(3), azimuth_width_rad=np.zeros(3),
+    )  # fmt: skip
+    scan = Scan(Sensor("r", 0, 0, np.inf), 10**9, 0, np.zeros(2), np.nan)
+    assert_allclose(tracklist.beam_time(scan, points, xy), t, atol=2)
+
+
+def test_nothing_is_visible_beyond_the_range_or_in_a_sector_that_was_not_swept() -> None:
+    swept = np.ones(720, bool)
+    swept[:180] = False  # the first quarter, North to East
+    scan = replace(turning_scan(start=0.0), swept=swept)
+    at = np.array([[100.0, 100.0], [100.0, -100.0], [0.0, -6000.0]])
+    assert tracklist.visible(scan, at, 0.0, np.inf).tolist() == [False, True, False]
+    assert tracklist.visible(scan, at, 200.0, np.inf).tolist() == [False, False, False]
+
+
+def test_a_steady_mover_is_moving_and_an_echo_that_jumps_to_and_fro_is_not() -> None:
+    steady, jumpy = tracks(1), tracks(1)
+    for k in range(40):
+        d = replace(steady.density, x=np.array([[3.0 * 2.5 * k, 0, 3.0, 0]]), P=0.01 * np.eye(4)[None])
+        steady = tracklist.follow(replace(steady, density=d), np.array([2.5]), RULES)
+        d = replace(steady.density, x=np.array([[20.0 * (-1) ** k, 0, 3.0, 0]]), P=0.01 * np.eye(4)[None])
+        jumpy = tracklist.follow(replace(jumpy, density=d), np.array([2.5]), replace(RULES, moving_displacement_m=30.0))
+    assert tracklist.moving(steady, RULES).all()
+    assert not tracklist.moving(jumpy, replace(RULES, moving_displacement_m=30.0)).any()
+
+
+def test_confirmation_needs_existence_and_hits() -> None:
+    config = Config(tracker=replace(RULES, confirm_existence=0.95, confirm_hits=3))
+    t = tracks(3, existence=np.array([0.99, 0.99, 0.5]), hits=np.array([3, 2, 9]))
+    assert tracklist.manage(t, config).confirmed.tolist() == [True, False, False]
+
+
+def test_a_track_ends_by_existence_misses_uncertainty_or_speed() -> None:
+    config = Config()
+    d = tracks(5).density
+    x, P = d.x.copy(), d.P.copy()
+    x[3, 2], P[2, 0, 0] = 99.0, 1e9
+    t = tracks(
+        5, density=replace(d, x=x, P=P), existence=np.array([0.01, 0.9, 0.9, 0.9, 0.9]), misses=np.array([0, 99, 0, 0, 0])
+    )
+    assert tracklist.manage(t, config).id.tolist() == [5]
+
+
+def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_older() -> None:
+    rules = replace(RULES, duplicate_distance_m=10.0)
+    assert tracklist.duplicates(tracks(2), rules).tolist() == [False, True]
+    assert tracklist.duplicates(tracks(2, confirmed=np.array([False, True])), rules).tolist() == [True, False]
+    apart = replace(tracks(2).density, x=np.array([[0.0, 0, 5, 0], [0.0, 0, -5, 0]]))
+    assert not tracklist.duplicates(tracks(2, density=apart), rules).any()
+
+
+def test_status_tells_tentative_confirmed_and_coasted() -> None:
+    t = tracks(3, confirmed=np.array([False, True, True]), misses=np.array([0, 0, 2]))
+    assert tracklist.estimate(t, RULES).status.tolist() == [TENTATIVE, CONFIRMED, COASTED]
+
+
+def test_birth_existence_follows_the_birth_density_where_none_is_given() -> None:
+    config = Config(
+        model=ModelConfig(p_detect=0.9), tracker=replace(RULES, birth_existence=0.0, birth_density_per_m2=1e-6)
+    )
+    assert_allclose(tracklist.birth_existence(config, 6.4e-4), 1.4e-3, rtol=0.01)  # the figures of extended, sec. 4.1
+    assert InputConfig().latency_s == 0.0
