@@ -156,7 +156,9 @@ class TrackerConfig:
     moving_chi2: float = 9.0  # v' P^-1 v
     moving_speed_mps: float = 0.5
     moving_displacement_m: float = 15.0  # way made good within about the time constant
+    moving_lengths: float = 0.0  # ... and so many lengths of the object
     moving_time_constant_s: float = 30.0
+    moving_unsteadiness: float = 1.0  # share by which velocity and velocity made good may differ; 1 = any
     moving_hits: int = 0
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
 

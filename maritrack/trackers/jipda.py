@@ -28,7 +28,6 @@ class Info:
     n_inexact: int = 0  # groups beyond the exact limit
     clock_back: bool = False
     born: int = 0
-    clutter_density: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class Jipda:
         """Predict every track to the beam's time, associate, update, start and end tracks."""
         config, model = self.config, self.config.model
         tracks, clock_back = predict(state, scan, points, config)
-        d, lam = tracks.density, self._clutter_density(tracks)
+        d, lam = tracks.density, tracklist.clutter_at(tracks.clutter, clusters, config)
         dt = (clusters.t_ns[None, :] - tracks.t_ns[:, None]) * NS
         i, j = giw.gate(d, clusters, dt, gate_limit(model.p_gate), model)
         pairs = giw.pair_up(d, clusters, i, j, dt[i, j], model)
@@ -67,19 +66,16 @@ class Jipda:
         )
         tracks = tracklist.follow(tracks, (tracks.t_ns - state.t_ns) * NS, config.tracker)
         unexplained = 1.0 - np.bincount(j, beta, len(clusters))
-        lam_next = tracklist.clutter_estimate(tracks, float(unexplained.sum()), self._area_m2(scan, clusters), config)
-        tracks = tracklist.manage(replace(tracks, clutter_density=lam_next), config)
+        clutter = tracklist.learn_clutter(tracks.clutter, clusters, unexplained, scan, config)
+        tracks = tracklist.manage(replace(tracks, clutter=clutter), config)
         free = np.flatnonzero(unexplained > 0.5)
-        r0 = tracklist.birth_existence(config, lam_next)
+        r0 = tracklist.birth_existence(config, tracklist.clutter_at(clutter, clusters, config)[free])
         tracks = tracklist.start(tracks, clusters, free, self._birth_time(scan, points, clusters, free), r0, config)
-        return tracks, Info(len(i), inexact, clock_back, len(free), lam_next)
+        return tracks, Info(len(i), inexact, clock_back, len(free))
 
     def estimate(self, state: TrackList) -> Tracks:
         """Tracks at their own times."""
         return tracklist.estimate(state, self.config.tracker)
-
-    def _clutter_density(self, tracks: TrackList) -> float:
-        return tracks.clutter_density or self.config.model.clutter_density_per_m2
 
     def _p_detect(self, tracks: TrackList, scan: Scan) -> FloatArray:
         seen = tracklist.visible(scan, tracks.density.x[:, :2], self.config.input.roi_min_m, self.config.input.roi_max_m)
@@ -87,7 +83,7 @@ class Jipda:
 
     def _log_weights(
         self, tracks: TrackList, clusters: Clusters, pairs: giw.Pairs, scan: Scan, points: Points,
-        p_detect: FloatArray, lam: float,
+        p_detect: FloatArray, lam: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """log P_D r N / lambda * shape of pairs (k,) and log(1 - P_D P_G r) of tracks (t,).
 
@@ -101,19 +97,8 @@ class Jipda:
         detected = p_detect * tracks.existence
         with np.errstate(divide="ignore"):  # a track out of sight has weight 0, its log is -inf
             log_detected = np.log(detected)[pairs.i]
-        log_w = log_detected + giw.log_centroid(pairs) - math.log(lam) + shape
+        log_w = log_detected + giw.log_centroid(pairs) - np.log(lam)[pairs.j] + shape
         return log_w, np.log(np.maximum(1.0 - detected * model.p_gate, 1e-12))
-
-    def _area_m2(self, scan: Scan, clusters: Clusters) -> float:
-        """Area that the scan looked at: of the radar's disc, else of the box around its clusters."""
-        reach = min(scan.sensor.max_range_m, self.config.input.roi_max_m)
-        if math.isfinite(reach):
-            share = 1.0 if scan.swept is None else float(scan.swept.mean())
-            return share * math.pi * (reach**2 - min(self.config.input.roi_min_m, reach) ** 2)
-        if len(clusters) < 3:
-            return math.inf
-        east, north = np.ptp(clusters.mean_m, axis=0)
-        return float(east * north)
 
     def _birth_time(self, scan: Scan, points: Points, clusters: Clusters, free: IntArray) -> IntArray:
         return tracklist.beam_time(scan, points, clusters.mean_m[free])
@@ -146,7 +131,7 @@ def condition_on_existence(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Posterior existence (t,), and the weights of pairs (k,) and of a miss (t,) given that the track exists.
 
-    A missed track may still exist; an associated one does.   Eq: polar-8
+    A missed track may still exist; an associated one does.
     """
     if_missed = np.divide((1 - p_seen) * r, 1 - p_seen * r, out=np.zeros_like(r), where=1 - p_seen * r > 0)
     missed = beta0 * if_missed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,7 +14,16 @@ from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
 
-NS = 1e-9
+NS = 1e-9  # seconds in a nanosecond
+RINGS = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clutter:
+    """Running density of the clusters that no track explains, in rings about the sensor."""
+
+    density_per_m2: FloatArray  # (b,) 0 rings = no estimate yet
+    ring_m: float  # width of a ring; 0 = one ring for all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +38,10 @@ class TrackList:
     misses: IntArray  # (t,) scans in a row without
     confirmed: BoolArray  # (t,)
     lag_m: FloatArray  # (t, 2) position that follows with the time constant of the judgement of motion
+    settled: FloatArray  # (t,) 0..1, how much of the time constant has passed
     cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
     next_id: int = 1
-    clutter_density: float = 0.0  # running estimate, per m^2; 0 = none yet
+    clutter: Clutter = field(default_factory=lambda: Clutter(np.zeros(0), 0.0))
 
     def __len__(self) -> int:
         return len(self.id)
@@ -42,7 +52,7 @@ def empty() -> TrackList:
     none = np.zeros(0, np.int64)
     return TrackList(
         Giw(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros((0, 2, 2)), np.zeros(0)),
-        none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), none,
+        none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), np.zeros(0), none,
     )  # fmt: skip
 
 
@@ -52,7 +62,8 @@ def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
     return replace(
         tracks, density=Giw(d.x[index], d.P[index], d.X[index], d.alpha[index]), t_ns=tracks.t_ns[index],
         existence=tracks.existence[index], id=tracks.id[index], hits=tracks.hits[index], misses=tracks.misses[index],
-        confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], cluster=tracks.cluster[index],
+        confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], settled=tracks.settled[index],
+        cluster=tracks.cluster[index],
     )  # fmt: skip
 
 
@@ -89,16 +100,18 @@ def visible(scan: Scan, position_m: FloatArray, roi_min_m: float, roi_max_m: flo
     return np.asarray(seen)
 
 
-def birth_existence(config: Config, clutter_density: float) -> float:
-    """Existence of a new track: given, or P_D b / (lambda + P_D b) from the birth density b."""
+def birth_existence(config: Config, clutter_density: FloatArray) -> FloatArray:
+    """Existence of new tracks (n,): given, or P_D b / (lambda + P_D b) from the birth density b."""
     if config.tracker.birth_existence > 0:
-        return config.tracker.birth_existence
+        return np.full(len(clutter_density), config.tracker.birth_existence)
     born = config.model.p_detect * config.tracker.birth_density_per_m2
-    return born / (clutter_density + born)
+    return np.asarray(born / (clutter_density + born))
 
 
-def start(tracks: TrackList, clusters: Clusters, free: IntArray, t_ns: IntArray, r0: float, config: Config) -> TrackList:
-    """The list with new tracks at the clusters `free`, moved on to their times t_ns (len(free),)."""
+def start(
+    tracks: TrackList, clusters: Clusters, free: IntArray, t_ns: IntArray, r0: FloatArray, config: Config
+) -> TrackList:
+    """The list with new tracks at the clusters `free` with existence r0, moved on to their times t_ns."""
     if len(free) == 0:
         return tracks
     t_ns = np.maximum(t_ns, clusters.t_ns[free])
@@ -110,12 +123,13 @@ def start(tracks: TrackList, clusters: Clusters, free: IntArray, t_ns: IntArray,
         tracks,
         density=Giw(join([d.x, new.x]), join([d.P, new.P]), join([d.X, new.X]), join([d.alpha, new.alpha])),
         t_ns=join([tracks.t_ns, t_ns]),
-        existence=join([tracks.existence, np.full(n, r0)]),
+        existence=join([tracks.existence, r0]),
         id=join([tracks.id, tracks.next_id + np.arange(n)]),
         hits=join([tracks.hits, np.ones(n, np.int64)]),
         misses=join([tracks.misses, np.zeros(n, np.int64)]),
         confirmed=join([tracks.confirmed, np.zeros(n, bool)]),
         lag_m=join([tracks.lag_m, clusters.mean_m[free]]),
+        settled=join([tracks.settled, np.zeros(n)]),
         cluster=join([tracks.cluster, free]),
         next_id=tracks.next_id + n,
     )
@@ -167,21 +181,33 @@ def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
 def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackList:
     """The list with its lagging positions moved on by dt_s (t,)."""
     share = -np.expm1(-dt_s / rules.moving_time_constant_s)
-    return replace(tracks, lag_m=tracks.lag_m + share[:, None] * (tracks.density.x[:, :2] - tracks.lag_m))
+    return replace(
+        tracks,
+        lag_m=tracks.lag_m + share[:, None] * (tracks.density.x[:, :2] - tracks.lag_m),
+        settled=tracks.settled + share * (1.0 - tracks.settled),
+    )
 
 
 def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
-    """Whether each track (t,) is under way: velocity beyond its uncertainty, speed, and way made good.
+    """Whether each track (t,) is under way: velocity beyond its uncertainty, speed, way made good, steadiness.
 
     Way made good is the distance to a position that follows with a time constant: v tau at a steady v, and
-    little for an echo that jumps to and fro.
+    little for an echo that jumps to and fro within its own length. The velocity made good must be the
+    velocity, within a share.
     """
     d = tracks.density
-    v = d.x[:, 2:]
-    significant = matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > rules.moving_chi2
-    gone = np.hypot(*(d.x[:, :2] - tracks.lag_m).T) > rules.moving_displacement_m
-    fast = np.hypot(v[:, 0], v[:, 1]) > rules.moving_speed_mps
-    return np.asarray(significant & gone & fast & (tracks.hits >= rules.moving_hits))
+    v, gone = d.x[:, 2:], d.x[:, :2] - tracks.lag_m
+    made_good = gone / np.maximum(rules.moving_time_constant_s * tracks.settled, 1e-3)[:, None]
+    speed, speed_made_good = np.hypot(v[:, 0], v[:, 1]), np.hypot(made_good[:, 0], made_good[:, 1])
+    off = np.hypot(*(v - made_good).T)
+    length_m = 2.0 * np.sqrt(np.maximum(matrix2.eigen(d.X)[0][:, 0], 0.0))
+    return np.asarray(
+        (matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > rules.moving_chi2)
+        & (np.hypot(gone[:, 0], gone[:, 1]) > rules.moving_displacement_m + rules.moving_lengths * length_m)
+        & (speed > rules.moving_speed_mps)
+        & (off <= rules.moving_unsteadiness * np.maximum(speed, speed_made_good))
+        & (tracks.hits >= rules.moving_hits)
+    )
 
 
 def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
@@ -195,10 +221,40 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
     )  # fmt: skip
 
 
-def clutter_estimate(tracks: TrackList, unexplained: float, area_m2: float, config: Config) -> float:
-    """Clutter density to use now, per m^2: fixed, or a slow mean of the clusters that no track explains."""
-    if config.model.clutter == "fixed" or not math.isfinite(area_m2) or area_m2 <= 0:
-        return config.model.clutter_density_per_m2
-    now = max(unexplained, 0.1) / area_m2
-    old = tracks.clutter_density
-    return now if old <= 0 else 0.95 * old + 0.05 * now
+def clutter_at(clutter: Clutter, clusters: Clusters, config: Config) -> FloatArray:
+    """Clutter density (c,) at clusters, per m^2: fixed, or the running estimate of their ring."""
+    if len(clutter.density_per_m2) == 0:
+        return np.full(len(clusters), config.model.clutter_density_per_m2)
+    return clutter.density_per_m2[_ring(clutter, clusters)]
+
+
+def learn_clutter(clutter: Clutter, clusters: Clusters, unexplained: FloatArray, scan: Scan, config: Config) -> Clutter:
+    """The estimate with one more scan; `unexplained` (c,) is the share of each cluster that no track took.
+
+    A slow mean, 20 scans long, in rings of a sixteenth of the range. Where the range is unknown, one ring of
+    the area of the box around the clusters. A ring counts at least a fiftieth of a cluster a scan.
+    """
+    if config.model.clutter == "fixed":
+        return clutter
+    reach, least = min(scan.sensor.max_range_m, config.input.roi_max_m), min(config.input.roi_min_m, scan.sensor.max_range_m)
+    if math.isfinite(reach):
+        share = 1.0 if scan.swept is None else max(float(scan.swept.mean()), 1e-3)
+        ring_m = reach / RINGS
+        edges = np.maximum(np.arange(RINGS + 1) * ring_m, least)
+        area = share * math.pi * np.maximum(edges[1:] ** 2 - edges[:-1] ** 2, ring_m**2 * 1e-3)
+    elif len(clusters) >= 3:
+        ring_m, area = 0.0, np.array([max(float(np.prod(np.ptp(clusters.mean_m, axis=0))), 1.0)])
+    else:
+        return clutter
+    now = Clutter(np.zeros(len(area)), ring_m)
+    count = np.bincount(_ring(now, clusters), unexplained, len(area))
+    density = np.maximum(count, 0.02) / area
+    if len(clutter.density_per_m2) == len(area) and clutter.ring_m == ring_m:
+        density = 0.95 * clutter.density_per_m2 + 0.05 * density
+    return replace(now, density_per_m2=density)
+
+
+def _ring(clutter: Clutter, clusters: Clusters) -> IntArray:
+    if clutter.ring_m <= 0:
+        return np.zeros(len(clusters), np.int64)
+    return np.minimum((clusters.range_m / clutter.ring_m).astype(np.int64), len(clutter.density_per_m2) - 1)

@@ -21,7 +21,7 @@ def tracks(n: int, **changes: object) -> TrackList:
     d = Giw(np.zeros((n, 4)), np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(2), (n, 1, 1)), np.full(n, 4.0))
     base = TrackList(
         d, np.zeros(n, np.int64), np.full(n, 0.9), np.arange(1, n + 1), np.full(n, 9), np.zeros(n, np.int64),
-        np.zeros(n, bool), np.zeros((n, 2)), np.full(n, -1), n + 1,
+        np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n), np.full(n, -1), n + 1,
     )  # fmt: skip
     return replace(base, **changes)  # type: ignore[arg-type]
 
@@ -119,5 +119,5 @@ def test_birth_existence_follows_the_birth_density_where_none_is_given() -> None
     config = Config(
         model=ModelConfig(p_detect=0.9), tracker=replace(RULES, birth_existence=0.0, birth_density_per_m2=1e-6)
     )
-    assert_allclose(tracklist.birth_existence(config, 6.4e-4), 1.4e-3, rtol=0.01)  # the figures of extended, sec. 4.1
+    assert_allclose(tracklist.birth_existence(config, np.array([6.4e-4])), 1.4e-3, rtol=0.01)  # the figures of extended, sec. 4.1
     assert InputConfig().latency_s == 0.0
