@@ -266,15 +266,17 @@ def load_config(
     for assignment in sets:
         table = merge(table, parse_set(assignment))
     table = merge(table, over or {})
-    return build(Config, merge(table, {"preset": preset or "none"}), "")
+    resolved: Config = build(Config, merge(table, {"preset": preset or "none"}), "")
+    return resolved
 
 
 def config_from_toml(text: str) -> Config:
     """The configuration that `to_toml` wrote."""
     try:
-        return build(Config, tomllib.loads(text), "")
+        config: Config = build(Config, tomllib.loads(text), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"archived configuration: {error}") from None
+    return config
 
 
 def read_toml(file: Path) -> dict[str, Any]:

@@ -21,7 +21,7 @@ def cluster_statistics(
     inside = label >= 0
     at, z = label[inside], points.position_m[inside]
     raw = points.intensity[inside] if intensity_weighting else np.ones(len(at))
-    total = np.bincount(at, raw, n)
+    total = _sum(at, raw, n)
     raw = np.where(total[at] > 0, raw, 1.0)  # a cluster of zeros weighs its points equally
     w = raw / np.bincount(at, raw, n)[at]
     count = np.bincount(at, minlength=n)
@@ -43,7 +43,7 @@ def cluster_statistics(
         mean_m=mean,
         scatter_m2=scatter[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         count=count,
-        weight_sq=np.bincount(at, w * w, n),
+        weight_sq=_sum(at, w * w, n),
         noise_m2=cov,
         t_ns=t_ns,
         range_m=range_m,
@@ -72,6 +72,10 @@ def drop_clusters(clusters: Clusters, keep: np.ndarray) -> Clusters:
     if keep.all():
         return clusters
     return reorder(clusters, np.flatnonzero(keep), np.where(keep, np.cumsum(keep) - 1, -1))
+
+
+def _sum(at: IntArray, values: FloatArray, n: int) -> FloatArray:
+    return np.bincount(at, values, n).astype(np.float64)
 
 
 def _sums(at: IntArray, values: FloatArray, n: int) -> FloatArray:

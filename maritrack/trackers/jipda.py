@@ -16,7 +16,7 @@ from maritrack.cluster.stage import cylinder_radius_m
 from maritrack.config import Config
 from maritrack.objects import giw
 from maritrack.trackers import tracklist
-from maritrack.trackers.tracklist import NS, TrackList
+from maritrack.trackers.tracklist import TrackList
 from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
 
 
@@ -45,7 +45,7 @@ class Jipda:
         config, model = self.config, self.config.model
         tracks, clock_back = predict(state, scan, points, config)
         d, lam = tracks.density, tracklist.clutter_at(tracks.clutter, clusters, config)
-        dt = (clusters.t_ns[None, :] - tracks.t_ns[:, None]) * NS
+        dt = tracklist.seconds(clusters.t_ns[None, :] - tracks.t_ns[:, None])
         i, j = giw.gate(d, clusters, dt, gate_limit(model.p_gate), model)
         pairs = giw.pair_up(d, clusters, i, j, dt[i, j], model)
         p_detect = self._p_detect(tracks, scan)
@@ -64,8 +64,8 @@ class Jipda:
             misses=np.where(hit, 0, np.where(p_detect > 0, tracks.misses + 1, tracks.misses)),
             cluster=most_likely(i, j, beta, hit, len(tracks)),
         )
-        tracks = tracklist.follow(tracks, (tracks.t_ns - state.t_ns) * NS, config.tracker)
-        unexplained = 1.0 - np.bincount(j, beta, len(clusters))
+        tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
+        unexplained = np.asarray(1.0 - np.bincount(j, beta, len(clusters)), np.float64)
         clutter = tracklist.learn_clutter(tracks.clutter, clusters, unexplained, scan, config)
         tracks = tracklist.manage(replace(tracks, clutter=clutter), config)
         free = np.flatnonzero(unexplained > 0.5)
@@ -110,10 +110,10 @@ def predict(state: TrackList, scan: Scan, points: Points, config: Config) -> tup
     A scan that is older than a track doesn't move it.
     """
     middle_ns = (scan.t_ns + scan.t_start_ns) // 2
-    ahead = np.maximum((middle_ns - state.t_ns) * NS, 0.0)
+    ahead = np.maximum(tracklist.seconds(middle_ns - state.t_ns), 0.0)
     rough = state.density.x[:, :2] + ahead[:, None] * state.density.x[:, 2:]
     t_ns = tracklist.beam_time(scan, points, rough)
-    dt = (t_ns - state.t_ns) * NS
+    dt = tracklist.seconds(t_ns - state.t_ns)
     back = bool((dt < 0).any())
     dt = np.maximum(dt, 0.0)
     existence = state.existence * config.model.p_survive**dt

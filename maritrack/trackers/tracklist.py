@@ -14,7 +14,6 @@ from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
 
-NS = 1e-9  # seconds in a nanosecond
 RINGS = 16
 
 
@@ -45,6 +44,11 @@ class TrackList:
 
     def __len__(self) -> int:
         return len(self.id)
+
+
+def seconds(span_ns: IntArray) -> FloatArray:
+    """Spans of nanoseconds in seconds."""
+    return span_ns.astype(np.float64) * 1e-9
 
 
 def empty() -> TrackList:
@@ -116,7 +120,7 @@ def start(
         return tracks
     t_ns = np.maximum(t_ns, clusters.t_ns[free])
     new = giw.birth(Clusters(**_rows(clusters, free)), config.model)
-    new = giw.predict(new, (t_ns - clusters.t_ns[free]) * NS, config.model)
+    new = giw.predict(new, seconds(t_ns - clusters.t_ns[free]), config.model)
     n, d = len(free), tracks.density
     join = np.concatenate
     return replace(
