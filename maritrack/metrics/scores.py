@@ -37,6 +37,7 @@ class Hold:
     track: int = -1  # id of the track that held it last, -1 = none yet
     holding: bool = False  # in its last frame
     by: Mapping[int, int] = field(default_factory=dict)  # frames held by track id
+    near: Mapping[int, int] = field(default_factory=dict)  # frames within the limit of track id, assigned or not
     squared_m2: float = 0.0  # sum of squared distances while held
 
 
@@ -126,7 +127,9 @@ def hold(
     partner = _partners(D / hold_m, stays)
     objects = dict(sums.objects)
     for row, (j, h) in enumerate(zip(rows.tolist(), before, strict=True)):
-        seen = replace(h, name=truth.name[j] or h.name, frames=h.frames + 1)
+        close = tracks.id[cols[D[row] <= hold_m]].tolist()
+        near = {**h.near, **{i: h.near.get(i, 0) + 1 for i in close}} if close else h.near
+        seen = replace(h, name=truth.name[j] or h.name, frames=h.frames + 1, near=near)
         if partner[row] < 0:
             objects[h.id] = replace(seen, holding=False, breaks=h.breaks + h.holding)
         else:
@@ -159,7 +162,9 @@ def _held(h: Hold, track: int, distance_m: float) -> Hold:
 
 
 def summary_objects(sums: ScoreSums) -> list[dict[str, Any]]:
-    """One row for each truth object, by id; held_by_one is the share of frames held by its most frequent track."""
+    """One row for each truth object, by id; held_by_one is the share of frames in which one and the same track
+    was within the limit: two objects side by side may share it, while `held` gives each a track of its own.
+    """
     return [
         {
             "id": h.id,
@@ -167,7 +172,7 @@ def summary_objects(sums: ScoreSums) -> list[dict[str, Any]]:
             "frames": h.frames,
             "held": h.held,
             "held_share": h.held / h.frames,
-            "held_by_one": max(h.by.values(), default=0) / h.frames,
+            "held_by_one": max(h.near.values(), default=0) / h.frames,
             "ids": len(h.by),
             "switches": h.switches,
             "breaks": h.breaks,

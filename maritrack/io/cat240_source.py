@@ -1,0 +1,218 @@
+"""Frames from CAT240 radar video: a frame per rotation, with the octets that it came from."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from maritrack.config import InputConfig
+from maritrack.errors import ConfigError, InputError
+from maritrack.io.assemble import Assembler
+from maritrack.io.cat240 import read_batches
+from maritrack.io.pose import PoseTrack
+from maritrack.io.radials import Batch
+from maritrack.io.scans import scan_of
+from maritrack.io.source import Octets
+from maritrack.io.stream import Cut
+from maritrack.io.times import day_start_ns
+from maritrack.types import Damage, Frame, Origin, Scan
+
+MAX_WAITING = 1 << 30  # octets that may pass without a scan
+MAX_TOLD = 1000  # damage of one kind that is told one by one before the next frame; the rest is added to the last
+STRICT = ("lost-records", "odd-range", "stray-azimuth", "clock-back", "too-many-sensors")  # --strict refuses these
+
+
+class Ledger:
+    """Octets that are read and not yet part of a frame."""
+
+    def __init__(self) -> None:
+        self._parts: deque[bytes] = deque()
+        self.start = 0  # octet of the input where the first part begins
+        self.size = 0
+
+    def add(self, octets: bytes) -> None:
+        if octets:
+            self._parts.append(octets)
+            self.size += len(octets)
+
+    def cut(self, end: int) -> bytes:
+        """The octets up to `end` of the input; none where they are already given away."""
+        taken = []
+        while self._parts and self.start < end:
+            part = self._parts.popleft()
+            n = min(len(part), end - self.start)
+            taken.append(part[:n])
+            if n < len(part):
+                self._parts.appendleft(part[n:])
+            self.start += n
+            self.size -= n
+        return b"".join(taken)
+
+    def rest(self) -> bytes:
+        return self.cut(self.start + self.size)
+
+
+class Cat240Source:
+    """A CAT240 recording as frames, one per scan, in the order in which scans end.
+
+    `pose` is where the platform is (None: at 0, 0), `sensor_configs` and `sensor_poses` say otherwise for
+    single sensors ("7-42"). The last frame carries the octets and the damage up to the end of the input;
+    a recording without a scan leaves its damage in `unclaimed`. Memory: a turn per sensor and a batch.
+    Raises ConfigError for head-up video without a heading, InputError where strict or where the sensor
+    asked for is not there.
+    """
+
+    kind = "cat240"
+
+    def __init__(
+        self,
+        octets: Octets,
+        config: InputConfig,
+        *,
+        pose: PoseTrack | None = None,
+        origin: Origin | None = None,
+        strict: bool = False,
+        sensor_configs: Mapping[str, InputConfig] | None = None,
+        sensor_poses: Mapping[str, PoseTrack] | None = None,
+    ) -> None:
+        self.origin = origin
+        self.unclaimed: tuple[Damage, ...] = ()
+        self._octets, self._config, self._strict = octets, config, strict
+        self._pose = pose if pose is not None else PoseTrack.fixed()
+        self._configs, self._poses = dict(sensor_configs or {}), dict(sensor_poses or {})
+        for name in self._configs:
+            self._place(name)
+        if not self._poses:
+            self._place("")
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames from 0 on."""
+        octets = self._octets
+        return self.frames_of(read_batches(octets.chunks, strict=self._strict, name=octets.name))
+
+    def frames_of(self, batches: Iterable[Batch]) -> Iterator[Frame]:
+        """Frames of batches that were read already.
+
+        A frame is held back until it is certain that another one follows, so that the last one can
+        carry what comes after it.
+        """
+        assembler = Assembler(sensor=self._config.sensor)
+        builder = _FrameBuilder(self._octets.channel)
+        held: Frame | None = None
+        for batch in batches:
+            builder.add(batch)
+            for cut in assembler.push(batch.radials) if batch.radials is not None and len(batch.radials) else ():
+                frame = builder.frame(cut, self._scan(cut))
+                if frame is not None and held is not None:
+                    yield held
+                held = frame or held
+            if held is not None and assembler.sure:
+                yield held
+                held = None
+            self._check_waiting(builder.ledger.size)
+        for cut in assembler.finish():
+            frame = builder.frame(cut, self._scan(cut))
+            if frame is not None and held is not None:
+                yield held
+            held = frame or held
+        self._check_sensor(assembler.seen)
+        if held is not None:
+            yield builder.last(held)
+        else:
+            self.unclaimed = builder.damage_left()
+
+    def _scan(self, cut: Cut) -> Scan | None:
+        for damage in cut.damage:
+            if self._strict and damage.code in STRICT:
+                raise InputError(f"{self._octets.name}: at byte {damage.offset}: {damage.code}: {damage.message}")
+        if cut.turn is None:
+            return None
+        config, pose = self._place(cut.turn.sensor)
+        midnight_ns = day_start_ns(config.date, name=self._octets.name)
+        return scan_of(cut.turn, config, pose, midnight_ns=midnight_ns)
+
+    def _place(self, sensor: str) -> tuple[InputConfig, PoseTrack]:
+        config, pose = self._configs.get(sensor, self._config), self._poses.get(sensor, self._pose)
+        if config.stabilised == "head" and not pose.has_heading:
+            which = f"sensor {sensor}" if sensor else "input"
+            raise ConfigError(
+                f"{which}: stabilised = 'head' needs the heading of the ship",
+                hint="give the reports of the own ship, or stabilised = 'north'",
+            )
+        return config, pose
+
+    def _check_waiting(self, size: int) -> None:
+        if size > MAX_WAITING:
+            raise InputError(f"{self._octets.name}: no scan within {size} octets", hint="is it the right sensor?")
+
+    def _check_sensor(self, seen: Mapping[str, None]) -> None:
+        wanted = self._config.sensor
+        if wanted and seen and wanted not in seen:
+            raise InputError(f"{self._octets.name}: no sensor '{wanted}'", hint="sensors in it: " + ", ".join(seen))
+
+
+class _FrameBuilder:
+    """Scans with their number, their octets and the damage noticed since the last one."""
+
+    def __init__(self, channel: str) -> None:
+        self.ledger = Ledger()
+        self._channel = channel
+        self._k = 0
+        self._reader_damage = _Told()
+        self._damage = _Told()
+
+    def add(self, batch: Batch) -> None:
+        self.ledger.add(batch.octets)
+        self._reader_damage.add(batch.damage)
+
+    def frame(self, cut: Cut, scan: Scan | None) -> Frame | None:
+        """The frame of a scan; what a cut without a scan tells goes to the next frame."""
+        self._damage.add(cut.damage)
+        if scan is None:
+            return None
+        damage = _in_place(self._damage.take() + self._reader_damage.take(before=cut.offset))
+        octets = self.ledger.cut(cut.offset)
+        self._k += 1
+        return Frame(k=self._k - 1, scan=scan, inputs=((self._channel, octets),) if octets else (), damage=damage)
+
+    def last(self, frame: Frame) -> Frame:
+        """The last frame with all that came after it."""
+        octets = b"".join(octets for _, octets in frame.inputs) + self.ledger.rest()
+        inputs = ((self._channel, octets),) if octets else ()
+        return replace(frame, inputs=inputs, damage=_in_place([*frame.damage, *self.damage_left()]))
+
+    def damage_left(self) -> tuple[Damage, ...]:
+        return _in_place(self._damage.take() + self._reader_damage.take())
+
+
+class _Told:
+    """Damage to be told with the next frame, in bounded memory."""
+
+    def __init__(self) -> None:
+        self._all: list[Damage] = []
+        self._told: Counter[tuple[str, str]] = Counter()
+        self._latest: dict[tuple[str, str], int] = {}
+
+    def add(self, damage: Iterable[Damage]) -> None:
+        for one in damage:
+            kind = (one.code, one.sensor)
+            if self._told[kind] >= MAX_TOLD:
+                latest = self._latest[kind]
+                self._all[latest] = replace(self._all[latest], count=self._all[latest].count + one.count)
+                continue
+            self._told[kind] += 1
+            self._latest[kind] = len(self._all)
+            self._all.append(one)
+
+    def take(self, *, before: int | None = None) -> list[Damage]:
+        """What there is, or what lies before an octet."""
+        taken = [one for one in self._all if before is None or one.offset < before]
+        left = [one for one in self._all if not (before is None or one.offset < before)]
+        self._all, self._told, self._latest = [], Counter(), {}
+        self.add(left)
+        return taken
+
+
+def _in_place(damage: list[Damage]) -> tuple[Damage, ...]:
+    return tuple(sorted(damage, key=lambda d: d.offset))

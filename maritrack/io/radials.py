@@ -1,0 +1,59 @@
+"""What the CAT240 reader delivers: batches of radials as arrays, with the octets they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maritrack.types import BoolArray, Damage, FloatArray, IntArray, check_lengths
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Radials:
+    """Video records in the order of the input, all with cells of the same number of bits.
+
+    Integers are as sent; `cells` holds native unsigned integers of the smallest type that fits
+    (uint8 up to 8 bit, uint16, uint32), zero beyond `n_cells`.
+    """
+
+    offset: IntArray  # (n,) octet of the input where the record's data block starts
+    sac: IntArray  # (n,)
+    sic: IntArray  # (n,)
+    idx: IntArray  # (n,) MSG_INDEX
+    start_az: IntArray  # (n,) 360/65536 deg
+    end_az: IntArray  # (n,)
+    start_rg: IntArray  # (n,) in cells
+    cell_dur: IntArray  # (n,) as sent, ns or fs
+    femto: BoolArray  # (n,) unit of cell_dur
+    cell_m: FloatArray  # (n,) depth of a cell
+    compressed: BoolArray  # (n,)
+    tod: IntArray  # (n,) 1/128 s since midnight as sent, -1 = absent or impossible
+    n_cells: IntArray  # (n,) cells delivered
+    bits: int
+    cells: NDArray[np.unsignedinteger[Any]]  # (n, w)
+
+    def __post_init__(self) -> None:
+        check_lengths(
+            self, len(self.offset), "sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "femto",
+            "cell_m", "compressed", "tod", "n_cells", "cells",
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """A stretch of the input and what was found in it. Batches follow each other without a gap."""
+
+    start: int  # first octet
+    octets: bytes  # the input from start on, untouched
+    radials: Radials | None  # None = no video record in this stretch
+    damage: tuple[Damage, ...] = ()
+
+    @property
+    def end(self) -> int:
+        return self.start + len(self.octets)
