@@ -1,0 +1,134 @@
+"""What an input is, by its content and never by its name."""
+
+from __future__ import annotations
+
+import re
+
+from maritrack.errors import InputError
+
+CAT240 = 0xF0
+MAGIC = (  # first octets, what they are, what to do
+    (b"\x89PNG", "a PNG image", "images are not read yet"),
+    (b"\xff\xd8\xff", "a JPEG image", "images are not read yet"),
+    (b"\xd4\xc3\xb2\xa1", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
+    (b"\xa1\xb2\xc3\xd4", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
+    (b"\x4d\x3c\xb2\xa1", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
+    (b"\xa1\xb2\x3c\x4d", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
+    (b"\x0a\x0d\x0d\x0a", "a pcapng capture", "pcap captures are not read yet: extract the UDP payloads"),
+    (b"\x1f\x8b", "compressed with gzip", "unpack it first"),
+    (b"PK\x03\x04", "a ZIP archive", "unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "compressed with Zstandard", "unpack it first"),
+    (b"\x89MCAP", "an MCAP archive", "maritrack replay reads archives of maritrack"),
+    (b"RRF", "a Rerun recording", "it is a picture of a run, the record is the .mcap"),
+    (b"\x89HDF", "an HDF5 file", "of MATLAB files, version 5 is read"),
+    (b"MATLAB 7.3", "a MATLAB 7.3 file", "save it with -v7"),
+    (b"\xff\xfe", "UTF-16 text", "save it as UTF-8"),
+    (b"\xfe\xff", "UTF-16 text", "save it as UTF-8"),
+)
+READ = "CAT240 radar video, points as JSON, Autoferry, plots and AIS as CSV are read"
+LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
+
+
+def sniff(head: bytes, name: str) -> str:
+    """The kind of an input from its first octets (64 KiB are enough).
+
+    "cat240", "points", "autoferry", "autoferry-truth", "plots" or "ais". InputError says what else it
+    is, as far as that can be told.
+    """
+    if not head:
+        raise InputError(f"{name}: empty")
+    for magic, what, hint in MAGIC:
+        if head.startswith(magic):
+            raise InputError(f"{name}: {what}", hint=hint)
+    if head.startswith(b"MATLAB 5.0 MAT-file"):
+        return "autoferry"
+    kind = _text_kind(head, name)
+    if kind:
+        return kind
+    if _has_cat240(head):
+        return "cat240"
+    if head[0] and [head[at] for at in _blocks(head, 0)[:4] if at < len(head)] == [head[0]] * 4:
+        raise InputError(f"{name}: ASTERIX category {head[0]:03d}, no radar video", hint="category 240 is read")
+    raise InputError(f"{name}: not a recording that is known", hint=READ)
+
+
+def _text_kind(head: bytes, name: str) -> str:
+    """Kind of a text, "" for what is none."""
+    text = head.decode("utf-8-sig", "replace").lstrip()
+    if text[:1] == "{":
+        return _object_kind(text, name)
+    if text[:1] == "[" and re.match(r"\[\s*[\[{\]]", text):
+        if '"sensorID"' in text:
+            return "autoferry"
+        if '"targetID"' in text:
+            return "autoferry-truth"
+        raise InputError(f"{name}: a JSON list, but not of Autoferry", hint=READ)
+    if b"\x00" in head[:1024]:
+        return ""
+    if text.startswith(("!AIVDM", "!BSVDM", "$PGHP", "\\")) and "VDM," in text:
+        raise InputError(f"{name}: AIS sentences (NMEA)", hint="they are not read yet: decode them to CSV")
+    return _table_kind(text)
+
+
+def _object_kind(text: str, name: str) -> str:
+    """Kind of a JSON object; what begins with '{' by chance is left to the other readings."""
+    if re.search(r'"format"\s*:\s*"maritrack-points/', text) or re.search(r'"scans"\s*:\s*\[', text):
+        return "points"
+    if '"FeatureCollection"' in text:
+        raise InputError(f"{name}: GeoJSON, not a recording", hint=READ)
+    if re.match(r'\{\s*("|\})', text):
+        raise InputError(f'{name}: JSON without "format": "maritrack-points/1"', hint=READ)
+    return ""
+
+
+def _table_kind(text: str) -> str:
+    """Plots or AIS by the names of columns, "" for what is no such table."""
+    from maritrack.io.csvtable import first_line, separator_of, simple_name
+
+    line = first_line(text)
+    columns = {simple_name(cell) for cell in line.split(separator_of(line))}
+    words = {column.split("_")[0] for column in columns}
+    if words & {"azimuth", "bearing"} and "range" in words:
+        return "plots"
+    return "ais" if columns & LAT else ""
+
+
+def _has_cat240(head: bytes) -> bool:
+    """Whether there is a CAT240 block at the beginning, behind blocks of other categories, or behind damage."""
+    chain = _blocks(head, 0)
+    if _is_cat240(head, 0) or (head[0] == CAT240 and len(chain) > 2) or any(_is_cat240(head, at) for at in chain):
+        return True
+    for found in re.finditer(b"\xf0", head):
+        at = found.start()
+        if _like_record(head, at):
+            after = _blocks(head, at)[1:]
+            if len(after) > 5 or after[:1] == [len(head)] or (after and _is_cat240(head, after[0])):
+                return True
+    return False
+
+
+def _is_cat240(head: bytes, at: int) -> bool:
+    return at < len(head) and head[at] == CAT240 and _like_record(head, at)
+
+
+def _blocks(head: bytes, at: int) -> list[int]:
+    """Where data blocks begin that follow each other from here, as far as their lengths fit into the head.
+
+    The end of the head is one of them where the last block ends right there.
+    """
+    found = [at]
+    while at + 3 <= len(head) and head[at] > 0:
+        length = int.from_bytes(head[at + 1 : at + 3], "big")
+        if length < 4 or at + length > len(head):
+            break
+        at += length
+        found.append(at)
+    return found
+
+
+def _like_record(head: bytes, at: int) -> bool:
+    """Whether a block begins with what CAT240 records begin with: source, then message type 1 or 2."""
+    if at + 7 > len(head):
+        return False
+    kind = at + 6 + (head[at + 3] & 1)
+    return head[at + 3] & 0xC0 == 0xC0 and kind < len(head) and head[kind] in (1, 2)

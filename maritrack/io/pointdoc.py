@@ -1,0 +1,280 @@
+"""The parts of a `maritrack-points/1` document: header, scans, truth.
+
+`{"format", "frame", "origin"?, "sensors"?, "scans": [...], "truth"?: [...]}`, 2-D frames only:
+
+- "enu": points are [east_m, north_m(, intensity)] about the origin, covariances in m^2;
+- "polar": points are [range_m, azimuth_deg(, intensity)] from the sensor, covariances
+  [m^2, m deg, deg^2].
+
+A scan's pose is where its sensor was; without one the sensor's own entry says so, else the origin.
+Noise is, in this order: the scan's `cov`, the sigmas of the sensor's entry, those of the settings
+(`io.noise.point_noise`); without any of them the points have none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maritrack.config import InputConfig
+from maritrack.errors import InputError
+from maritrack.io.jsontext import MAX_M, clean, list_of, number_of, table_of
+from maritrack.io.noise import plot_cov_to_en, usable_cov
+from maritrack.io.pointscan import Measured, instant, measured_at, point_sensor, to_points
+from maritrack.io.reference import Reference, Reports, build_reference
+from maritrack.io.times import MAX_S, seconds_to_ns
+from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, Scan
+
+FORMAT = "maritrack-points/1"
+SIGMAS = ("sigma_range_m", "sigma_azimuth_deg", "sigma_m")
+DEG = np.deg2rad(1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """What the table of sensors says of one, or what holds without an entry."""
+
+    position_m: FloatArray  # (2,)
+    config: InputConfig  # with this sensor's sigmas
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Header:
+    """What a document says of all its scans."""
+
+    frame: str  # "enu" or "polar"
+    origin: Origin | None
+    sensors: Mapping[str, Entry]
+    config: InputConfig
+
+
+def header_of(document: Any, *, config: InputConfig) -> Header:
+    """The checked header of a document, or of the first line of JSON Lines."""
+    table = table_of(document, where="document")
+    if table.get("format") != FORMAT:
+        raise InputError(f'"format" is {clean(table.get("format"))!r}, not "{FORMAT}"')
+    frame = table.get("frame", "enu")
+    if frame in ("enu3", "polar3"):
+        raise InputError(f'frame "{frame}": 3-D points are not read yet')
+    if frame not in ("enu", "polar"):
+        raise InputError(f'"frame" is {clean(frame)!r}, not "enu" or "polar"')
+    sensors = table_of(table.get("sensors") or {}, where="sensors")
+    entries = {
+        _sensor_id(key, where="sensors"): _entry(value, where=f"sensors.{clean(key)}", config=config)
+        for key, value in sensors.items()
+    }
+    return Header(frame, _origin(table.get("origin")), entries, config)
+
+
+def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Damage, ...]]:
+    """One scan, and what was left out of it. InputError where it is none."""
+    table = table_of(value, where=where)
+    t_ns = int(seconds_to_ns(np.array(number_of(table, "time_s", where=where, limit=MAX_S))))
+    only = next(iter(header.sensors)) if len(header.sensors) == 1 else "radar"
+    sensor = only if table.get("sensor") is None else _sensor_id(table["sensor"], where=where)
+    entry = header.sensors.get(sensor, Entry(np.zeros(2), header.config))
+    position_m, heading_rad = _pose(table.get("pose"), entry, where=where)
+    rows = point_rows(table.get("points"), where=f"{where}: points")
+    cov, label = _cov(table.get("cov"), len(rows), where=where), _labels(table.get("labels"), len(rows), where=where)
+    good = _usable(rows, cov, polar=header.frame == "polar")
+    measured = _measured(
+        rows[good],
+        None if cov is None else cov[good],
+        None if label is None else label[good],
+        polar=header.frame == "polar",
+        sensor_m=position_m,
+        t_ns=t_ns,
+    )
+    points = to_points(
+        measured,
+        sensor_m=position_m,
+        heading_rad=heading_rad,
+        config=entry.config,
+        where=where,
+        head_up=header.frame == "polar",
+    )
+    scan = instant(point_sensor(sensor, header.config), points, t_ns=t_ns, sensor_m=position_m, heading_rad=heading_rad)
+    bad = len(rows) - int(np.sum(good))
+    lost = Damage("bad-point", -1, f"{where}: points of {len(rows)} that are no places", sensor, count=bad)
+    return scan, (lost,) if bad else ()
+
+
+def fixed_origin(config: InputConfig) -> Origin | None:
+    """The place that the settings give."""
+    known = np.isfinite(config.lat_deg) and np.isfinite(config.lon_deg)
+    return Origin(config.lat_deg, config.lon_deg) if known else None
+
+
+def truth_of(records: list[Any], *, where: str = "truth", damage: tuple[Damage, ...] = ()) -> Reference:
+    """The reference that the records of `truth` make, complete."""
+    ids: dict[str, int] = {}
+    names: dict[int, str] = {}
+    ship, values = [], []
+    for i, record in enumerate(records):
+        place = f"{where}[{i}]"
+        table = table_of(record, where=place)
+        if type(table.get("id")) not in (str, int):
+            raise InputError(f"{place}: 'id' is a text or a number")
+        ship.append(ids.setdefault(clean(table["id"]), len(ids)))
+        values.append(_truth_numbers(table, where=place))
+        names[ship[-1]] = names.get(ship[-1]) or clean(table.get("name") or "")
+    rows = np.array(values, dtype=np.float64).reshape(-1, 8)
+    of_ship = np.array(ship, dtype=np.int64)
+    return build_reference(
+        Reports(
+            ship=of_ship,
+            t_ns=seconds_to_ns(rows[:, 0]),
+            position_m=rows[:, 1:3],
+            velocity_mps=rows[:, 3:5],
+            heading_rad=np.deg2rad(rows[:, 5]),
+        ),
+        ids=list(ids),
+        names=[names[i] for i in range(len(ids))],
+        length_m=_first_known(of_ship, rows[:, 6], len(ids)),
+        width_m=_first_known(of_ship, rows[:, 7], len(ids)),
+        complete=True,
+        damage=damage,
+    )
+
+
+def point_rows(value: Any, *, where: str) -> FloatArray:
+    """Points as rows [first, second, intensity] (n, 3); intensity 1 where it is not given, nan for null."""
+    rows = list_of(value, where=where)
+    if not rows:
+        return np.empty((0, 3))
+    try:
+        array = np.asarray(rows)
+    except ValueError:  # some with intensity, some without
+        array = np.empty(0, dtype=object)
+    if array.dtype == object:
+        array = np.array([_row(row, where=f"{where}[{i}]") for i, row in enumerate(rows)])
+    if array.ndim != 2 or array.shape[1] not in (2, 3) or array.dtype.kind not in "iuf":
+        raise InputError(f"{where}: each is a list of 2 or 3 numbers")
+    table = np.ones((len(array), 3))
+    table[:, : array.shape[1]] = array
+    return table
+
+
+def _row(row: Any, *, where: str) -> list[float]:
+    cells = list_of(row, where=where)
+    if len(cells) not in (2, 3) or not all(c is None or type(c) in (int, float) for c in cells):
+        raise InputError(f"{where}: a list of 2 or 3 numbers was expected")
+    known = [np.nan if c is None or abs(c) > 1e300 else float(c) for c in cells]
+    return known if len(known) == 3 else [*known, 1.0]
+
+
+def _usable(rows: FloatArray, cov: FloatArray | None, *, polar: bool) -> BoolArray:
+    good = np.all(np.abs(np.nan_to_num(rows, nan=np.inf)) <= [MAX_M, MAX_M, 1e12], axis=1)
+    if polar:
+        good &= rows[:, 0] >= 0
+    return np.asarray(good if cov is None else good & usable_cov(cov))
+
+
+def _measured(
+    rows: FloatArray,
+    cov: FloatArray | None,
+    label: IntArray | None,
+    *,
+    polar: bool,
+    sensor_m: FloatArray,
+    t_ns: int,
+) -> Measured:
+    if not polar:
+        matrix = None if cov is None else cov[:, [[0, 1], [1, 2]]]
+        return measured_at(
+            rows[:, :2], sensor_m=sensor_m, t_ns=t_ns, intensity=rows[:, 2], cov_m2=matrix, truth_label=label
+        )
+    range_m, azimuth_rad = rows[:, 0], rows[:, 1] * DEG
+    matrix = None if cov is None else plot_cov_to_en(range_m, azimuth_rad, cov * [1.0, DEG, DEG**2])
+    times = np.full(len(rows), t_ns, dtype=np.int64)
+    return Measured(range_m, azimuth_rad, times, rows[:, 2], matrix, label)
+
+
+def _cov(value: Any, n: int, *, where: str) -> FloatArray | None:
+    if value is None:
+        return None
+    cells = list_of(value, where=f"{where}: cov")
+    if len(cells) != n:
+        raise InputError(f"{where}: {len(cells)} covariances for {n} points")
+    try:
+        rows: NDArray[Any] = np.asarray(cells) if cells else np.empty((0, 3))
+        rows = rows.astype(np.float64) if rows.dtype == object else rows  # null becomes nan
+    except (TypeError, ValueError, OverflowError):
+        rows = np.empty(0)
+    if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind not in "iuf":
+        raise InputError(f"{where}: cov: each is a list of 3 numbers")
+    return np.asarray(rows, dtype=np.float64)
+
+
+def _labels(value: Any, n: int, *, where: str) -> IntArray | None:
+    if value is None:
+        return None
+    labels = list_of(value, where=f"{where}: labels")
+    if not all(type(item) is int and abs(item) < 2**62 for item in labels):
+        raise InputError(f"{where}: labels: each is a whole number, -1 for clutter")
+    if len(labels) != n:
+        raise InputError(f"{where}: {len(labels)} labels for {n} points")
+    return np.array(labels, dtype=np.int64)
+
+
+def _pose(value: Any, entry: Entry, *, where: str) -> tuple[FloatArray, float]:
+    if value is None:
+        return entry.position_m, float("nan")
+    table = table_of(value, where=f"{where}: pose")
+    position = [number_of(table, key, where=f"{where}: pose", limit=MAX_M) for key in ("east_m", "north_m")]
+    heading = number_of(table, "heading_deg", where=f"{where}: pose", default=np.nan, limit=1e6)
+    return np.array(position), float(np.deg2rad(heading))
+
+
+def _entry(value: Any, *, where: str, config: InputConfig) -> Entry:
+    table = table_of(value, where=where)
+    position = [number_of(table, key, where=where, default=0.0, limit=MAX_M) for key in ("east_m", "north_m")]
+    sigmas = {key: number_of(table, key, where=where, default=0.0, limit=1e6) for key in SIGMAS}
+    if min(sigmas.values()) < 0:
+        raise InputError(f"{where}: a sigma is negative")
+    if max(sigmas.values()) > 0:
+        config = replace(
+            config,
+            sigma_range_m=sigmas["sigma_range_m"],
+            sigma_azimuth_deg=sigmas["sigma_azimuth_deg"],
+            sigma_m=sigmas["sigma_m"],
+        )
+    return Entry(np.array(position), config)
+
+
+def _origin(value: Any) -> Origin | None:
+    if value is None:
+        return None
+    table = table_of(value, where="origin")
+    return Origin(
+        number_of(table, "lat_deg", where="origin", limit=90.0),
+        number_of(table, "lon_deg", where="origin", limit=180.0),
+    )
+
+
+def _truth_numbers(table: Mapping[str, Any], *, where: str) -> list[float]:
+    """Time, place, velocity, heading, length and width; nan where they are not told."""
+    known = [number_of(table, "time_s", where=where, limit=MAX_S)]
+    known += [number_of(table, key, where=where, limit=MAX_M) for key in ("east_m", "north_m")]
+    optional = ("vel_east_mps", "vel_north_mps", "heading_deg", "length_m", "width_m")
+    return known + [number_of(table, key, where=where, default=np.nan, limit=1e6) for key in optional]
+
+
+def _first_known(ship: IntArray, value: FloatArray, n: int) -> FloatArray:
+    """For each of n ships the first positive value (n,), nan where there is none."""
+    known = value > 0
+    first = np.full(n, np.nan)
+    ships, rows = np.unique(ship[known], return_index=True)
+    first[ships] = value[known][rows]
+    return first
+
+
+def _sensor_id(value: Any, *, where: str) -> str:
+    """An id that can be part of a path."""
+    if type(value) not in (str, int):
+        raise InputError(f"{where}: the id of a sensor is a text")
+    return clean(value).replace("/", "-") or "radar"

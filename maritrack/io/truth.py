@@ -1,0 +1,61 @@
+"""Reference positions from whatever holds them, and where they lie beside a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from maritrack.errors import InputError
+from maritrack.io import sniff
+from maritrack.io.ais import read_ais
+from maritrack.io.autoferry import ORIGIN, autoferry_truth
+from maritrack.io.octets import HEAD
+from maritrack.io.pointjson import point_origin, point_truth
+from maritrack.io.reference import Reference, moved_to
+from maritrack.types import Origin
+
+
+def read_reference(
+    data: bytes, *, name: str, origin: Origin | None, date: str = "", own_ship: str | None = None
+) -> Reference:
+    """The truth of a points document, Autoferry ground truth (JSON or .mat) or an AIS table, by its content.
+
+    Positions are in the plane of `origin`; where it is None, in that of the document (AIS: about its own
+    ship, else its first report). `date` is for AIS times of day. InputError for what holds no truth.
+    """
+    kind = sniff(data[:HEAD], name)
+    if kind == "points":
+        reference, own_origin = point_truth(data, name=name)
+        return moved_to(reference, old=own_origin, new=origin)
+    if kind in ("autoferry", "autoferry-truth"):
+        return moved_to(autoferry_truth(data, name=name), old=ORIGIN, new=origin)
+    if kind == "ais":
+        return read_ais(data, name=name, date=date, origin=origin, own_ship=own_ship).reference
+    raise InputError(
+        f"{name}: no reference positions", hint="truth is AIS as CSV, points JSON or Autoferry ground truth"
+    )
+
+
+def document_origin(data: bytes) -> Origin | None:
+    """The origin that a document of truth refers its positions to; None where it has none or is no such document."""
+    try:
+        kind = sniff(data[:HEAD], "truth")
+        if kind == "points":
+            return point_origin(data)
+    except InputError:  # `read_reference` will say what is wrong
+        return None
+    return ORIGIN if kind in ("autoferry", "autoferry-truth") else None
+
+
+def find_truth(path: Path) -> Path | None:
+    """The truth that lies beside a recording, None where there is none.
+
+    REC.truth.json, with or without the ending of REC; of Autoferry `X_groundTruth.json` beside
+    `X_detections.json` or `X.mat`.
+    """
+    name, stem = path.name, path.stem
+    candidates = [f"{name}.truth.json", f"{stem}.truth.json", f"{Path(stem).stem}.truth.json"]
+    if path.suffix == ".gz":
+        stem = Path(stem).stem
+    candidates.append(f"{stem.removesuffix('_detections')}_groundTruth.json")
+    beside = (path.with_name(candidate) for candidate in dict.fromkeys(candidates) if candidate != name)
+    return next((file for file in beside if file.is_file()), None)
