@@ -1,0 +1,294 @@
+"""What differs between two runs: archives, run folders or summaries.
+
+Archives are compared frame by frame, with a summary on either side only metrics and counts are.
+Timings and outputs never count. The manifest is told but does not count: it says why runs differ.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from maritrack.errors import InputError, UsageError
+from maritrack.io.archive import ArchivedScan, iter_results, read_archive
+from maritrack.io.mcap_walk import MAGIC
+from maritrack.io.runmeta import manifest_metadata
+from maritrack.types import Damage
+
+S = TypeVar("S")
+LIMIT = 100  # differences that are kept; all are counted
+
+
+class Difference(NamedTuple):
+    """One thing that is not the same."""
+
+    where: str  # "scan", "truth", "points", "clusters", "tracks", "scores", "metrics", "counts", "archive"
+    k: int  # scan, -1 = of the whole run
+    what: str  # "position_m[17]", "track 3: velocity_mps", "gospa", "count"
+    a: Any
+    b: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diff:
+    """All that differs: frames first, in their order, then damage, metrics and counts."""
+
+    differences: tuple[Difference, ...]  # the first of them
+    count: int  # of all
+    metrics: Mapping[str, tuple[Any, Any]]  # changed ones
+    manifest: tuple[Difference, ...]  # for information
+    n_scans: int  # compared
+
+    @property
+    def equal(self) -> bool:
+        return self.count == 0
+
+
+class Tolerance(NamedTuple):
+    """Floats are the same within atol + rtol times the larger one; all else is exact."""
+
+    rtol: float = 0.0
+    atol: float = 0.0
+
+
+class _Side(NamedTuple):
+    archive: Path | None
+    n_scans: int
+    summary: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+
+
+def diff(
+    a: Path,
+    b: Path,
+    *,
+    rtol: float = 0.0,
+    atol: float = 0.0,
+    only: Literal["metrics", "tracks"] | None = None,
+    limit: int = LIMIT,
+) -> Diff:
+    """Compare two runs. InputError where one can't be read."""
+    tolerance, sides = Tolerance(rtol, atol), (_side(a), _side(b))
+    metrics = _changed(sides, "metrics", tolerance) if only != "tracks" else {}
+    counts = _changed(sides, "counts", Tolerance()) if only is None else {}
+    found = itertools.chain(
+        _frames(sides, tolerance, only=only),
+        (Difference("metrics", -1, name, *pair) for name, pair in metrics.items()),
+        (Difference("counts", -1, name, *pair) for name, pair in counts.items()),
+    )
+    kept = list(itertools.islice(found, limit))
+    return Diff(
+        differences=tuple(kept), count=len(kept) + sum(1 for _ in found), metrics=metrics,
+        manifest=tuple(
+            Difference("manifest", -1, name, *pair)
+            for name, pair in _table_changes(sides[0].manifest, sides[1].manifest, Tolerance()).items()
+        ),
+        n_scans=min(side.n_scans for side in sides) if only != "metrics" else 0,
+    )  # fmt: skip
+
+
+def compare_scans(a: ArchivedScan, b: ArchivedScan, tolerance: Tolerance, *, tracks_only: bool) -> Iterator[Difference]:
+    """What differs in one frame, in the order in which it came about."""
+    if not tracks_only:
+        yield from _columns("scan", a.k, _scan_table(a), _scan_table(b), tolerance)
+        yield from _rows("truth", a.k, a.truth, b.truth, tolerance)
+        yield from _rows("points", a.k, a.points, b.points, tolerance)
+        yield from _columns("points", a.k, {"keep": a.keep}, {"keep": b.keep}, tolerance)
+        yield from _rows("clusters", a.k, a.clusters, b.clusters, tolerance)
+    yield from _rows("tracks", a.k, a.tracks, b.tracks, tolerance)
+    changes = {} if tracks_only else _table_changes(a.scores, b.scores, tolerance)
+    yield from (Difference("scores", a.k, name, *pair) for name, pair in changes.items())
+
+
+def _frames(sides: tuple[_Side, _Side], tolerance: Tolerance, *, only: str | None) -> Iterator[Difference]:
+    """What differs frame by frame, then what could not be read."""
+    a, b = sides[0].archive, sides[1].archive
+    if only == "metrics" or (only is None and (a is None or b is None)):
+        return
+    if a is None or b is None:
+        raise UsageError("a summary has no tracks: compare two archives or run folders")
+    lost: tuple[list[Damage], list[Damage]] = ([], [])
+    scans = [iter_results(path, on_damage=damage.append) for path, damage in zip((a, b), lost, strict=True)]
+    for x, y in paired(scans[0], scans[1], lambda scan: scan.k):
+        if x is None or y is None:
+            yield Difference("scan", (x or y).k, "present", x is not None, y is not None)  # type: ignore[union-attr]
+        else:
+            yield from compare_scans(x, y, tolerance, tracks_only=only == "tracks")
+    yield from (Difference("archive", -1, "damage", damage.message, None) for damage in lost[0])
+    yield from (Difference("archive", -1, "damage", None, damage.message) for damage in lost[1])
+
+
+def paired(a: Iterator[S], b: Iterator[S], k: Callable[[S], int]) -> Iterator[tuple[S | None, S | None]]:
+    """Items of the same scan number side by side, None where one side has no such scan."""
+    x, y = next(a, None), next(b, None)
+    while x is not None or y is not None:
+        if y is None or (x is not None and k(x) < k(y)):
+            yield x, None
+            x = next(a, None)
+        elif x is None or k(y) < k(x):
+            yield None, y
+            y = next(b, None)
+        else:
+            yield x, y
+            x, y = next(a, None), next(b, None)
+
+
+def _rows(where: str, k: int, a: Any, b: Any, tolerance: Tolerance) -> Iterator[Difference]:
+    """Two values of rows: how many, then field by field; tracks and truth are matched by id."""
+    if a is None or b is None:
+        if a is not b:
+            yield Difference(where, k, "present", a is not None, b is not None)
+        return
+    if len(a) != len(b):
+        yield Difference(where, k, "count", len(a), len(b))
+    if where not in ("tracks", "truth"):
+        if len(a) == len(b):
+            yield from _columns(where, k, _table(a), _table(b), tolerance)
+        return
+    rows_a, rows_b = (dict(zip(np.asarray(v.id).tolist(), range(len(v)), strict=True)) for v in (a, b))
+    yield from (Difference(where, k, f"id {i}", "present", None) for i in rows_a if i not in rows_b)
+    yield from (Difference(where, k, f"id {i}", None, "present") for i in rows_b if i not in rows_a)
+    common = [i for i in rows_a if i in rows_b]
+    first = _table(a, np.array([rows_a[i] for i in common], np.int64))
+    second = _table(b, np.array([rows_b[i] for i in common], np.int64))
+    yield from _columns(where, k, first, second, tolerance, ids=common)
+
+
+def _table(value: Any, index: Any = None) -> dict[str, Any]:
+    """Arrays of a value by name, reduced to the rows of the index; a tuple becomes an array of objects."""
+    table: dict[str, Any] = {}
+    for f in fields(value):
+        column = getattr(value, f.name)
+        if isinstance(column, tuple):
+            objects = np.empty(len(column), object)
+            for i, item in enumerate(column):  # not objects[:] = column, which makes equal contours one array
+                objects[i] = item
+            column = objects
+        table[f.name] = (
+            column[index] if index is not None and isinstance(column, np.ndarray) and len(column) else column
+        )
+    return table
+
+
+def _columns(
+    where: str, k: int, a: Mapping[str, Any], b: Mapping[str, Any], tolerance: Tolerance, *, ids: Sequence[Any] = ()
+) -> Iterator[Difference]:
+    """The first row of each column that differs."""
+    for name, x in a.items():
+        y = b[name]
+        if not isinstance(x, np.ndarray) or not isinstance(y, np.ndarray):
+            if isinstance(x, np.ndarray) or isinstance(y, np.ndarray) or not _same(x, y, tolerance):
+                yield Difference(where, k, name, _told(x), _told(y))
+        elif x.shape != y.shape:
+            yield Difference(where, k, f"{name} shape", x.shape, y.shape)
+        else:
+            differs = ~_close(x, y, tolerance).reshape(len(x), math.prod(x.shape[1:])).all(axis=1)
+            if differs.any():
+                row = int(differs.argmax())
+                what = f"id {ids[row]}: {name}" if ids else f"{name}[{row}]"
+                yield Difference(where, k, what, _told(x[row]), _told(y[row]))
+
+
+def _close(x: Any, y: Any, tolerance: Tolerance) -> Any:
+    """Where two arrays are the same; nan is nan."""
+    if x.dtype == object:
+        return np.array([_same_items(u, v, tolerance) for u, v in zip(x, y, strict=True)], bool)
+    same = np.asarray(x == y)
+    if x.dtype.kind != "f":
+        return same
+    same |= np.isnan(x) & np.isnan(y)
+    finite = np.isfinite(x) & np.isfinite(y) & ~same
+    u, v = x[finite], y[finite]
+    with np.errstate(over="ignore", under="ignore"):
+        same[finite] = np.abs(u - v) <= tolerance.atol + tolerance.rtol * np.maximum(np.abs(u), np.abs(v))
+    return same
+
+
+def _same_items(u: Any, v: Any, tolerance: Tolerance) -> bool:
+    """Whether two names or two contours are the same."""
+    if isinstance(u, np.ndarray):
+        return u.shape == v.shape and bool(_close(u, v, tolerance).all())
+    return bool(u == v)
+
+
+def _told(value: Any) -> Any:
+    """The value in plain Python."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _changed(sides: tuple[_Side, _Side], part: str, tolerance: Tolerance) -> dict[str, tuple[Any, Any]]:
+    """Changed entries of a part of the summaries, None where one side has none."""
+    a, b = (_flat(side.summary.get(part)) for side in sides)
+    return _table_changes(a, b, tolerance)
+
+
+def _table_changes(a: Mapping[str, Any], b: Mapping[str, Any], tolerance: Tolerance) -> dict[str, tuple[Any, Any]]:
+    names = sorted({*a, *b})
+    return {n: (a.get(n), b.get(n)) for n in names if not _same(a.get(n), b.get(n), tolerance)}
+
+
+def _same(a: Any, b: Any, tolerance: Tolerance) -> bool:
+    """Whether two entries are the same; None stands for nan, as in JSON."""
+    x, y = (math.nan if v is None else v for v in (a, b))
+    if isinstance(x, float | int) and isinstance(y, float | int) and (isinstance(x, float) or isinstance(y, float)):
+        return bool(_close(np.array([x], float), np.array([y], float), tolerance)[0])
+    return bool(x == y)
+
+
+def _flat(table: Any, prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one, names joined by dots."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items() if isinstance(table, Mapping) else ():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat
+
+
+def _scan_table(archived: ArchivedScan) -> dict[str, Any]:
+    scan = archived.scan
+    table = _table(scan) | _table(scan.sensor)
+    return table | {"n_spokes": archived.n_spokes, "sensor": scan.sensor.id}
+
+
+def _side(path: Path) -> _Side:
+    """What a path stands for: archive, folder of a run, or summary."""
+    names = ("run.mcap", "run.mcap.partial", "summary.json")
+    if path.is_dir():
+        inside = next((path / name for name in names if (path / name).exists()), None)
+        if inside is None:
+            raise InputError(f"{path}: no run in this folder", f"looked for {', '.join(names)}")
+        path = inside
+    try:
+        with path.open("rb") as file:
+            is_archive = file.read(len(MAGIC)) == MAGIC
+        if not is_archive:
+            return _Side(None, 0, _summary(path), {})
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    archive = read_archive(path)
+    manifest = {name: text for name, text in manifest_metadata(archive.manifest).items() if name != "digest"}
+    return _Side(path, archive.n_scans, archive.summary, manifest | _config(archive.config_toml))
+
+
+def _summary(path: Path) -> Mapping[str, Any]:
+    try:
+        document = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: neither an archive nor a summary: {error}") from None
+    if not isinstance(document, dict) or not isinstance(document.get("metrics"), dict):
+        raise InputError(f"{path}: no summary, it has no 'metrics'")
+    return document
+
+
+def _config(text: str) -> dict[str, Any]:
+    try:
+        return {f"config.{name}": value for name, value in _flat(tomllib.loads(text)).items()}
+    except tomllib.TOMLDecodeError:
+        return {"config": text}
