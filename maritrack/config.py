@@ -158,13 +158,14 @@ class TrackerConfig:
     moving_displacement_m: float = 15.0  # way made good within about the time constant
     moving_lengths: float = 0.0  # ... and so many lengths of the object
     moving_time_constant_s: float = 30.0
-    moving_unsteadiness: float = 1.0  # share by which velocity and velocity made good may differ; 1 = any
+    moving_unsteadiness: float = 0.2  # velocity and velocity made good may differ by this share for that
     moving_hits: int = 0
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
 
     def __post_init__(self) -> None:
         for name in ("birth_existence", "confirm_existence", "delete_existence"):
             _in_unit(f"tracker.{name}", getattr(self, name))
+        _positive("tracker.moving_unsteadiness", self.moving_unsteadiness)
         _positive("tracker.moving_time_constant_s", self.moving_time_constant_s)
         _require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
         _require(1 <= self.exact_limit <= 16, "tracker.exact_limit is within 1..16")

@@ -57,8 +57,9 @@ def _labels(
     graph = coo_matrix((np.ones(both.sum(), bool), (a[both], b[both])), shape=(n, n))
     _, component = connected_components(graph, directed=False)
     label = np.where(core, component, -1)
-    border, owner = np.concatenate([a[core[b] & ~core[a]], b[core[a] & ~core[b]]]), np.concatenate(
-        [b[core[b] & ~core[a]], a[core[a] & ~core[b]]]
+    border, owner = (
+        np.concatenate([a[core[b] & ~core[a]], b[core[a] & ~core[b]]]),
+        np.concatenate([b[core[b] & ~core[a]], a[core[a] & ~core[b]]]),
     )
     if len(border):
         step = xy_m[border] - xy_m[owner]

@@ -88,9 +88,7 @@ def _training_quantile(amplitude: FloatArray, config: DetectConfig) -> FloatArra
     return np.where(np.isfinite(level), level, 0.0)
 
 
-def _points(
-    scan: Scan, video: Video, row: IntArray, cell: IntArray, intensity: FloatArray, latency_ns: int
-) -> Points:
+def _points(scan: Scan, video: Video, row: IntArray, cell: IntArray, intensity: FloatArray, latency_ns: int) -> Points:
     range_m = video.first_range_m + cell.astype(np.float64) * video.cell_m
     azimuth = video.azimuth_rad[row]
     position = np.stack([range_m * np.sin(azimuth), range_m * np.cos(azimuth)], axis=-1) + scan.position_m

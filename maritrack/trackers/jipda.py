@@ -78,7 +78,9 @@ class Jipda:
         return tracklist.estimate(state, self.config.tracker)
 
     def _p_detect(self, tracks: TrackList, scan: Scan) -> FloatArray:
-        seen = tracklist.visible(scan, tracks.density.x[:, :2], self.config.input.roi_min_m, self.config.input.roi_max_m)
+        seen = tracklist.visible(
+            scan, tracks.density.x[:, :2], self.config.input.roi_min_m, self.config.input.roi_max_m
+        )
         return np.where(seen, self.config.model.p_detect, 0.0)
 
     def _log_weights(

@@ -12,7 +12,18 @@ from maritrack import geo
 from maritrack.config import Config, TrackerConfig
 from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
-from maritrack.types import COASTED, CONFIRMED, TENTATIVE, BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
+from maritrack.types import (
+    COASTED,
+    CONFIRMED,
+    TENTATIVE,
+    BoolArray,
+    Clusters,
+    FloatArray,
+    IntArray,
+    Points,
+    Scan,
+    Tracks,
+)
 
 RINGS = 16
 
@@ -151,9 +162,7 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
     confirmed and lies on an older one is the same object.
     """
     rules, model, d = config.tracker, config.model, tracks.density
-    confirmed = tracks.confirmed | (
-        (tracks.existence >= rules.confirm_existence) & (tracks.hits >= rules.confirm_hits)
-    )
+    confirmed = tracks.confirmed | ((tracks.existence >= rules.confirm_existence) & (tracks.hits >= rules.confirm_hits))
     sigma2 = np.maximum(d.P[:, 0, 0], d.P[:, 1, 1])
     alive = (
         (tracks.existence >= rules.delete_existence)
@@ -193,23 +202,24 @@ def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackLi
 
 
 def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
-    """Whether each track (t,) is under way: velocity beyond its uncertainty, speed, way made good, steadiness.
+    """Whether each track (t,) is under way: velocity beyond its uncertainty, speed, way made good.
 
     Way made good is the distance to a position that follows with a time constant: v tau at a steady v, and
-    little for an echo that jumps to and fro within its own length. The velocity made good must be the
-    velocity, within a share.
+    little for an echo that jumps to and fro within its own length. It must exceed a distance and a share of
+    the length; more lengths where velocity and velocity made good disagree, as they do on a shore that
+    flickers. Small boats may turn as they like.
     """
     d = tracks.density
     v, gone = d.x[:, 2:], d.x[:, :2] - tracks.lag_m
     made_good = gone / np.maximum(rules.moving_time_constant_s * tracks.settled, 1e-3)[:, None]
     speed, speed_made_good = np.hypot(v[:, 0], v[:, 1]), np.hypot(made_good[:, 0], made_good[:, 1])
-    off = np.hypot(*(v - made_good).T)
+    unsteady = np.hypot(*(v - made_good).T) / np.maximum(np.maximum(speed, speed_made_good), 1e-9)
     length_m = 2.0 * np.sqrt(np.maximum(matrix2.eigen(d.X)[0][:, 0], 0.0))
+    lengths = rules.moving_lengths * np.maximum(1.0, unsteady / rules.moving_unsteadiness)
     return np.asarray(
         (matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > rules.moving_chi2)
-        & (np.hypot(gone[:, 0], gone[:, 1]) > rules.moving_displacement_m + rules.moving_lengths * length_m)
+        & (np.hypot(gone[:, 0], gone[:, 1]) > rules.moving_displacement_m + lengths * length_m)
         & (speed > rules.moving_speed_mps)
-        & (off <= rules.moving_unsteadiness * np.maximum(speed, speed_made_good))
         & (tracks.hits >= rules.moving_hits)
     )
 
@@ -240,7 +250,10 @@ def learn_clutter(clutter: Clutter, clusters: Clusters, unexplained: FloatArray,
     """
     if config.model.clutter == "fixed":
         return clutter
-    reach, least = min(scan.sensor.max_range_m, config.input.roi_max_m), min(config.input.roi_min_m, scan.sensor.max_range_m)
+    reach, least = (
+        min(scan.sensor.max_range_m, config.input.roi_max_m),
+        min(config.input.roi_min_m, scan.sensor.max_range_m),
+    )
     if math.isfinite(reach):
         share = 1.0 if scan.swept is None else max(float(scan.swept.mean()), 1e-3)
         ring_m = reach / RINGS

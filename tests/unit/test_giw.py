@@ -85,9 +85,7 @@ def test_soft_update_is_the_moment_matched_mixture_of_single_updates(seed: int, 
     z = clusters(rng.normal(0, 60, (m, 2)), spd(rng, m, 2, 20.0), 6, spd(rng, m, 2, 900.0))
     w = rng.dirichlet(np.ones(m + 1))
     pairs = all_pairs(d, z, EXTENDED)
-    single = [
-        giw.update(d, z, pairs, (np.arange(m) == j).astype(float), np.zeros(1), EXTENDED) for j in range(m)
-    ]
+    single = [giw.update(d, z, pairs, (np.arange(m) == j).astype(float), np.zeros(1), EXTENDED) for j in range(m)]
     mean = w[0] * d.x[0] + sum(w[j + 1] * s.x[0] for j, s in enumerate(single))
     outer = [w[0] * (d.P[0] + np.outer(d.x[0] - mean, d.x[0] - mean))]
     outer += [w[j + 1] * (s.P[0] + np.outer(s.x[0] - mean, s.x[0] - mean)) for j, s in enumerate(single)]

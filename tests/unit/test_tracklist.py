@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from maritrack.config import Config, InputConfig, ModelConfig, TrackerConfig
+from maritrack.config import Config, ModelConfig, TrackerConfig
 from maritrack.detect.cells import empty_points
 from maritrack.objects.giw import Giw
 from maritrack.trackers import tracklist
@@ -97,7 +97,10 @@ def test_a_track_ends_by_existence_misses_uncertainty_or_speed() -> None:
     x, P = d.x.copy(), d.P.copy()
     x[3, 2], P[2, 0, 0] = 99.0, 1e9
     t = tracks(
-        5, density=replace(d, x=x, P=P), existence=np.array([0.01, 0.9, 0.9, 0.9, 0.9]), misses=np.array([0, 99, 0, 0, 0])
+        5,
+        density=replace(d, x=x, P=P),
+        existence=np.array([0.01, 0.9, 0.9, 0.9, 0.9]),
+        misses=np.array([0, 99, 0, 0, 0]),
     )
     assert tracklist.manage(t, config).id.tolist() == [5]
 
@@ -116,8 +119,8 @@ def test_status_tells_tentative_confirmed_and_coasted() -> None:
 
 
 def test_birth_existence_follows_the_birth_density_where_none_is_given() -> None:
+    """The figures of extended, sec. 4.1."""
     config = Config(
         model=ModelConfig(p_detect=0.9), tracker=replace(RULES, birth_existence=0.0, birth_density_per_m2=1e-6)
     )
-    assert_allclose(tracklist.birth_existence(config, np.array([6.4e-4])), 1.4e-3, rtol=0.01)  # the figures of extended, sec. 4.1
-    assert InputConfig().latency_s == 0.0
+    assert_allclose(tracklist.birth_existence(config, np.array([6.4e-4])), 1.4e-3, rtol=0.01)

@@ -1,0 +1,57 @@
+"""What makes a run this run: digests of code, configuration and input, and the id they give."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from maritrack import __version__
+from maritrack.config import Config, to_toml
+from maritrack.types import Origin, RunManifest
+
+LIBRARIES = ("numpy", "scipy", "mcap", "protobuf")  # what the numbers and the octets of an archive rest on
+
+
+def code_digest() -> str:
+    """SHA-256 over the sources of the package: an edited tree never passes for another."""
+    root = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".toml")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, read in pieces."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions that a difference between two machines would be looked for in first."""
+    found = {name: metadata.version(name) for name in LIBRARIES}
+    return {"maritrack": __version__, "python": platform.python_version(), **found}
+
+
+def make_manifest(
+    config: Config,
+    *,
+    input_sha256: Sequence[str],
+    input_kind: Sequence[str],
+    side: Mapping[str, bytes],
+    origin: Origin | None,
+    recording: str,
+) -> RunManifest:
+    """The manifest of a run. Its id covers code, configuration, inputs and side documents; equal ids, equal archives."""
+    toml, code = to_toml(config), code_digest()
+    digest = hashlib.sha256(f"{code}\n{toml}\n{' '.join(input_sha256)}\n".encode())
+    for name in sorted(side):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(side[name]).digest())
+    return RunManifest(
+        run_id=digest.hexdigest(), tracker=config.tracker_name, preset=config.preset, code_sha256=code,
+        config_toml=toml, input_sha256=tuple(input_sha256), input_kind=tuple(input_kind), seed=config.seed,
+        versions=versions(), origin=origin, recording=recording,
+    )  # fmt: skip

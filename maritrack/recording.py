@@ -1,0 +1,226 @@
+"""From files or an archive to frames: what kind of input it is, where its sensors are, what is true."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from maritrack import geo
+from maritrack.config import Config, InputConfig
+from maritrack.errors import InputError, UsageError
+from maritrack.io import sniff
+from maritrack.io.ais import AisDocument, read_ais
+from maritrack.io.autoferry import AutoferrySource
+from maritrack.io.cat240_source import Cat240Source
+from maritrack.io.fuse import merge_sources
+from maritrack.io.octets import octets_from_file
+from maritrack.io.plots import PlotSource
+from maritrack.io.pointjson import PointSource
+from maritrack.io.pose import PoseTrack
+from maritrack.io.reference import Reference
+from maritrack.io.sensors import for_input, parse_sensors
+from maritrack.io.source import Octets, Source
+from maritrack.io.truth import document_origin, find_truth, read_reference
+from maritrack.types import Damage, Frame, Origin
+
+YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
+PRESET_OF_KIND = {"cat240": "radar", "points": "points", "plots": "plots", "autoferry": "autoferry"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """An input that is ready to run."""
+
+    kinds: tuple[str, ...]
+    frames: Iterator[Frame]
+    origin: Origin | None
+    reference: Reference | None
+    side: Mapping[str, bytes]  # documents that replay needs besides the input: "truth", "own-ship", "sensors"
+    damage: Mapping[str, int]  # of the side documents, by code
+
+
+def kinds_of(octets: Sequence[Octets]) -> tuple[str, ...]:
+    """What each input is, by its content."""
+    return tuple(sniff(o.head, o.name) for o in octets)
+
+
+def open_inputs(paths: Sequence[Path]) -> list[Octets]:
+    """The octets of files, each with its channel in the archive."""
+    if not paths:
+        raise UsageError("no input")
+    first = [octets_from_file(path, "") for path in paths]
+    kinds = kinds_of(first)
+    several = len(paths) > 1
+    return [
+        replace(o, channel=f"/input/{kind}-{i}" if several else f"/input/{kind}")
+        for i, (o, kind) in enumerate(zip(first, kinds, strict=True))
+    ]
+
+
+def side_documents(
+    paths: Sequence[Path], *, truth: Path | None, own_ship: Path | None, sensors: Path | None, no_truth: bool = False
+) -> dict[str, bytes]:
+    """The documents beside the input, as octets; truth beside a recording is found by itself."""
+    found = None if no_truth else truth or (find_truth(paths[0]) if len(paths) == 1 else None)
+    named = {"truth": found, "own-ship": own_ship, "sensors": sensors}
+    documents = {}
+    for name, path in named.items():
+        if path is not None:
+            try:
+                documents[name] = path.read_bytes()
+            except OSError as error:
+                raise InputError(f"{path}: {error.strerror or error}") from None
+    return documents
+
+
+def default_preset(kinds: Sequence[str]) -> str:
+    """The preset that fits the content."""
+    if len(set(kinds)) > 1:
+        raise UsageError(f"inputs of different kinds ({', '.join(sorted(set(kinds)))}) in one run")
+    return PRESET_OF_KIND[kinds[0]]
+
+
+def open_recording(
+    octets: Sequence[Octets], kinds: Sequence[str], side: Mapping[str, bytes], config: Config, *, strict: bool = False
+) -> Recording:
+    """Sources, poses and truth of the inputs, merged by time.
+
+    The origin is the fixed radar's position, else that of the truth document, else own ship's first position.
+    """
+    settings = config.input
+    origin = fixed_origin(settings) or document_origin(side.get("truth", b""))
+    ais = own_ship(side, settings, origin)
+    if origin is None and ais is not None:
+        origin = ais.origin
+    reference: Reference | None = None
+    if "truth" in side:
+        if kinds[0] == "autoferry" and origin is None:
+            origin = AutoferrySource.origin
+        reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date)
+        settings = dated(settings, reference)
+    sensors: Mapping[str, InputConfig] = {}
+    if "sensors" in side:
+        sensors = parse_sensors(side["sensors"].decode("utf-8", "replace"), name="sensors", base=settings)
+    place = _Place(settings, sensors, platform(ais, settings, origin), origin, strict)
+    sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
+    merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
+    if reference is None:
+        reference = getattr(merged, "reference", None)
+    damage: dict[str, int] = {}
+    for item in reference.damage if reference is not None else ():
+        damage[f"truth-{item.code}"] = damage.get(f"truth-{item.code}", 0) + item.count
+    frames = nonempty(windowed(merged.frames(), settings), sources, octets)
+    return Recording(tuple(kinds), frames, merged.origin or origin, reference, side, damage)
+
+
+def dated(settings: InputConfig, reference: Reference) -> InputConfig:
+    """Settings with the day of the first report of the truth, where nothing else tells the day."""
+    if settings.date or len(reference.t_ns) == 0 or reference.t_ns.min() < YEAR_NS:
+        return settings
+    day = np.datetime64(int(reference.t_ns.min()), "ns").astype("datetime64[D]")
+    return replace(settings, date=str(day))
+
+
+def nonempty(frames: Iterator[Frame], sources: Sequence[Source], octets: Sequence[Octets]) -> Iterator[Frame]:
+    """The frames; InputError where there is none, with what was wrong instead."""
+    found = False
+    for frame in frames:
+        found = True
+        yield frame
+    if not found:
+        wrong = [d.code for source in sources for d in getattr(source, "unclaimed", ())]
+        said = f": {', '.join(dict.fromkeys(wrong))}" if wrong else ""
+        raise InputError(f"{', '.join(o.name for o in octets)}: no scan in it{said}")
+
+
+def fixed_origin(settings: InputConfig) -> Origin | None:
+    """Where the settings place the radar."""
+    if math.isnan(settings.lat_deg) or math.isnan(settings.lon_deg):
+        return None
+    return Origin(settings.lat_deg, settings.lon_deg)
+
+
+def own_ship(side: Mapping[str, bytes], settings: InputConfig, origin: Origin | None) -> AisDocument | None:
+    """AIS that places the radar: the document given for it, else an entry of the truth marked as own ship."""
+    if "own-ship" in side:
+        document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
+        if document.own is None and len(document.reference.ids) == 1:
+            only = document.reference.ids[0]
+            document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin, own_ship=only)
+        if document.own is None:
+            hint = "mark it in a column is_own_ship, or give a table of that ship alone"
+            raise InputError("own-ship: which ship carries the radar?", hint)
+        return document
+    if "truth" in side and sniff(side["truth"][:65536], "truth") == "ais":
+        document = read_ais(side["truth"], name="truth", date=settings.date, origin=origin)
+        return document if document.own is not None else None
+    return None
+
+
+def platform(ais: AisDocument | None, settings: InputConfig, origin: Origin | None) -> PoseTrack | None:
+    """Where the platform is over time. A position given for a fixed radar beats reports of a ship."""
+    if fixed_origin(settings) is not None or ais is None or ais.own is None:
+        return None
+    own = ais.own
+    return PoseTrack.from_reports(own.t_ns, own.position_m, own.heading_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """What sources need to know besides their octets."""
+
+    settings: InputConfig
+    sensors: Mapping[str, InputConfig]
+    pose: PoseTrack | None
+    origin: Origin | None
+    strict: bool
+
+    def source(self, kind: str, octets: Octets) -> Source:
+        """The source of one input."""
+        stem = Path(octets.name).stem
+        settings = for_input(self.sensors, stem, base=self.settings)
+        if kind == "cat240":
+            return Cat240Source(
+                octets, settings, pose=self._pose(settings), origin=self.origin, strict=self.strict,
+                sensor_configs=self.sensors, sensor_poses={k: p for k, v in self.sensors.items() if (p := self._pose(v))},
+            )  # fmt: skip
+        if kind == "points":
+            return PointSource(octets, settings, strict=self.strict)
+        if kind == "autoferry":
+            return AutoferrySource(octets, settings, strict=self.strict)
+        if kind == "plots":
+            pose = self._pose(settings)
+            return PlotSource(octets, settings, pose=pose, origin=self.origin, strict=self.strict)
+        raise InputError(f"{octets.name}: {kind} is a reference, not a recording", hint="pass it with --truth")
+
+    def _pose(self, settings: InputConfig) -> PoseTrack | None:
+        """A sensor with a position of its own stands there; the others are on the platform."""
+        own, origin = fixed_origin(settings), self.origin
+        if own is None or origin is None or own == origin:
+            return self.pose
+        at = geo.geodetic_to_en(origin, np.array([own.lat_deg]), np.array([own.lon_deg]))
+        return PoseTrack.fixed((float(at[0, 0]), float(at[0, 1])))
+
+
+def windowed(frames: Iterator[Frame], settings: InputConfig) -> Iterator[Frame]:
+    """The frames from `from_s` to `to_s` after the first, at most `limit`, numbered from 0.
+
+    Octets and damage of frames before the window go with its first frame, so that an archive keeps them.
+    """
+    first_ns, k = None, 0
+    octets: tuple[tuple[str, bytes], ...] = ()
+    damage: tuple[Damage, ...] = ()
+    for frame in frames:
+        first_ns = frame.t_ns if first_ns is None else first_ns
+        since_s = (frame.t_ns - first_ns) * 1e-9
+        if since_s > settings.to_s or (settings.limit and k >= settings.limit):
+            return
+        octets, damage = octets + frame.inputs, damage + frame.damage
+        if since_s < settings.from_s:
+            continue
+        yield replace(frame, k=k, inputs=octets, damage=damage)
+        octets, damage, k = (), (), k + 1

@@ -1,0 +1,197 @@
+"""A run: frames through the chain into the sinks, and the summary at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from maritrack.chain import Chain, process
+from maritrack.io.reference import Reference, truth_at
+from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
+from maritrack.types import CONFIRMED, Frame, Result, RunManifest
+
+
+class Sink(Protocol):
+    """Where results go. `close` finishes the output under its final name, `abort` leaves what is readable."""
+
+    def open(self, manifest: RunManifest) -> None: ...
+
+    def write(self, result: Result) -> None: ...
+
+    def close(self, summary: Mapping[str, Any]) -> None: ...
+
+    def abort(self) -> None: ...
+
+
+Progress = Callable[[Result], None]
+
+
+@dataclass
+class Tally:
+    """Running sums of a run. Memory does not grow with its length, but for one entry a truth object."""
+
+    sums: ScoreSums
+    hold_m: float
+    frames: int = 0
+    points: int = 0
+    clusters: int = 0
+    damage: dict[str, int] = field(default_factory=dict)  # by code
+    damage_sensor: dict[str, int] = field(default_factory=dict)  # by sensor and code
+    confirmed: int = 0
+    moving: int = 0
+    tracks: int = 0
+    timing_ms: dict[str, float] = field(default_factory=dict)
+    ids_confirmed: set[int] = field(default_factory=set)
+    ids_moving: set[int] = field(default_factory=set)
+
+    def add(self, result: Result, which: Any) -> None:
+        """Take one result in."""
+        self.frames += 1
+        self.points += len(result.points)
+        self.clusters += len(result.clusters)
+        self.tracks += len(result.tracks)
+        held = result.tracks.status >= CONFIRMED
+        moving = held & result.tracks.moving
+        self.confirmed += int(held.sum())
+        self.moving += int(moving.sum())
+        self.ids_confirmed.update(result.tracks.id[held].tolist())
+        self.ids_moving.update(result.tracks.id[moving].tolist())
+        for damage in result.frame.damage:
+            self.damage[damage.code] = self.damage.get(damage.code, 0) + damage.count
+            key = f"{damage.sensor or '-'}:{damage.code}"
+            self.damage_sensor[key] = self.damage_sensor.get(key, 0) + damage.count
+        for name, value in result.timing_ms.items():
+            self.timing_ms[name] = self.timing_ms.get(name, 0.0) + value
+        self.sums = hold(
+            add(self.sums, result.scores), result.frame.truth, result.tracks, which=which, hold_m=self.hold_m
+        )
+
+
+def run(
+    frames: Iterable[Frame],
+    chain: Chain,
+    sinks: Sequence[Sink],
+    manifest: RunManifest,
+    *,
+    reference: Reference | None = None,
+    progress: Progress | None = None,
+    extra_damage: Mapping[str, int] | None = None,
+) -> dict[str, Any]:
+    """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
+
+    An interruption by the user closes the sinks, and the summary says so; any other error aborts them, so
+    that no half run stands under a final name.
+    """
+    from maritrack.chain import reported
+
+    config = chain.config
+    tally = Tally(ScoreSums(), config.score.hold_m)
+    tally.damage.update(extra_damage or {})
+    state, interrupted, opened = chain.init(), False, []
+    started = time.process_time()
+    try:
+        for sink in sinks:
+            sink.open(manifest)
+            opened.append(sink)
+        try:
+            for frame in with_truth(_timed(frames, tally.timing_ms), reference, chain):
+                state, result = process(chain, state, frame)
+                at = time.process_time()
+                for sink in sinks:
+                    sink.write(result)
+                tally.timing_ms["log"] = tally.timing_ms.get("log", 0.0) + (time.process_time() - at) * 1e3
+                tally.add(result, reported(result.tracks, config))
+                if progress is not None:
+                    progress(result)
+        except KeyboardInterrupt:
+            interrupted = True
+        summary = summarise(tally, chain, manifest, time.process_time() - started, interrupted)
+        for sink in sinks:
+            sink.close(summary)
+    except BaseException:
+        for sink in opened:
+            sink.abort()
+        raise
+    return summary
+
+
+def with_truth(frames: Iterable[Frame], reference: Reference | None, chain: Chain) -> Iterator[Frame]:
+    """The frames with what is known to be true at their times, within the radar's range."""
+    if reference is None:
+        yield from frames
+        return
+    score = chain.config.score
+    lags = parse_lags(score.truth_lag_s)
+    for frame in frames:
+        scan = frame.scan
+        reach = score.truth_max_m or min(scan.sensor.max_range_m, np.inf)
+        truth = truth_at(
+            reference, scan.t_ns, centre_m=scan.position_m, max_range_m=reach,
+            max_gap_moving_s=score.max_gap_moving_s, max_gap_rest_s=score.max_gap_rest_s, lag_s=lags,
+        )  # fmt: skip
+        yield replace(frame, truth=truth)
+
+
+def parse_lags(text: str) -> dict[str, float]:
+    """`210574000=37,366=2` as {"210574000": 37.0, "366": 2.0}."""
+    from maritrack.errors import ConfigError
+
+    lags = {}
+    for item in filter(None, (part.strip() for part in text.split(","))):
+        name, sep, value = item.partition("=")
+        try:
+            lags[name.strip()] = float(value)
+        except ValueError:
+            sep = ""
+        if not sep:
+            raise ConfigError(f"score.truth_lag_s: '{item}' is not ID=SECONDS")
+    return lags
+
+
+def _timed(frames: Iterable[Frame], timing_ms: dict[str, float]) -> Iterator[Frame]:
+    iterator = iter(frames)
+    while True:
+        at = time.process_time()
+        try:
+            frame = next(iterator)
+        except StopIteration:
+            return
+        finally:
+            timing_ms["decode"] = timing_ms.get("decode", 0.0) + (time.process_time() - at) * 1e3
+        yield frame
+
+
+def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float, interrupted: bool) -> dict[str, Any]:
+    """The summary document without its outputs."""
+    n = max(tally.frames, 1)
+    counts: dict[str, Any] = {
+        "scans": tally.frames,
+        "points": tally.points,
+        "clusters": tally.clusters,
+        "tracks": tally.tracks,
+        "confirmed": tally.confirmed,
+        "moving": tally.moving,
+        "track_ids_confirmed": len(tally.ids_confirmed),
+        "track_ids_moving": len(tally.ids_moving),
+        "warnings": dict(sorted(tally.damage.items())),
+        "warnings_by_sensor": dict(sorted(tally.damage_sensor.items())),
+    }
+    stages = ("decode", "detect", "cluster", "track", "score", "log")
+    timing = {f"{name}_ms_per_scan": tally.timing_ms.get(name, 0.0) / n for name in stages}
+    summary: dict[str, Any] = {
+        "run_id": manifest.run_id,
+        "tracker": manifest.tracker,
+        "preset": manifest.preset,
+        "metrics": means(tally.sums),
+        "objects": summary_objects(tally.sums),
+        "counts": counts,
+        "timing": timing | {"total_s": total_s},
+        "interrupted": interrupted,
+    }
+    if manifest.origin is not None:
+        summary["origin"] = {"lat_deg": manifest.origin.lat_deg, "lon_deg": manifest.origin.lon_deg}
+    return summary

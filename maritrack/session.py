@@ -1,0 +1,140 @@
+"""A run as people ask for it: an input, a configuration, a folder of outputs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from maritrack.chain import build_chain
+from maritrack.config import Config
+from maritrack.errors import UsageError
+from maritrack.io.source import Octets
+from maritrack.manifest import make_manifest
+from maritrack.recording import Recording, open_recording
+from maritrack.run import Progress, Sink, run
+from maritrack.sinks.summary import write_summary
+from maritrack.types import RunManifest
+
+RRD, MCAP, SUMMARY = "run.rrd", "run.mcap", "summary.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is to be run, and what is to be written."""
+
+    octets: Sequence[Octets]
+    kinds: Sequence[str]
+    input_sha256: Sequence[str]
+    side: Mapping[str, bytes]
+    config: Config
+    name: str  # of the recording: for titles and the default folder
+    out: Path | None = None  # None: runs/<name>-<tracker>-<id8>
+    rrd: bool = True
+    mcap: bool = True
+    strict: bool = False
+    force: bool = False
+    raster_px: int = field(default=1024)
+
+
+def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, Any], bool]:
+    """Run a job; its summary, and whether a finished equal run was found instead."""
+    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict)
+    manifest = make_manifest(
+        job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
+        origin=recording.origin, recording=job.name,
+    )  # fmt: skip
+    folder = job.out or Path("runs") / f"{_safe(job.name)}-{manifest.tracker}-{manifest.run_id[:8]}"
+    if not job.force and (old := finished(folder, manifest, job)) is not None:
+        return old, True
+    folder.mkdir(parents=True, exist_ok=True)
+    with only_one(folder):
+        unlink(folder, *(name for name, wanted in ((RRD, job.rrd), (MCAP, job.mcap)) if not wanted))
+        unlink(folder, SUMMARY)  # a summary stands for a finished run: none until this one is
+        summary = run(
+            recording.frames, _chain(job.config, recording), _sinks(job, folder), manifest,
+            reference=recording.reference, progress=progress, extra_damage=recording.damage,
+        )  # fmt: skip
+        names = [(name, folder / file) for name, file in (("rrd", RRD), ("mcap", MCAP)) if (folder / file).exists()]
+        summary["outputs"] = {name: str(path) for name, path in names} | {"summary": str(folder / SUMMARY)}
+        write_summary(folder / SUMMARY, summary)
+    return summary, False
+
+
+def run_silently(job: Job, sinks: Sequence[Sink]) -> tuple[dict[str, Any], RunManifest]:
+    """Run a job into given sinks, without a folder: replay, benchmarks, studies."""
+    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict)
+    manifest = make_manifest(
+        job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
+        origin=recording.origin, recording=job.name,
+    )  # fmt: skip
+    chain = _chain(job.config, recording)
+    summary = run(
+        recording.frames, chain, sinks, manifest, reference=recording.reference, extra_damage=recording.damage
+    )
+    return summary, manifest
+
+
+def finished(folder: Path, manifest: RunManifest, job: Job) -> dict[str, Any] | None:
+    """The summary of a complete equal run with all wanted outputs in this folder, or None."""
+    wanted = [SUMMARY] + [RRD] * job.rrd + [MCAP] * job.mcap
+    if not all((folder / name).is_file() for name in wanted):
+        return None
+    try:
+        summary = json.loads((folder / SUMMARY).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    same = isinstance(summary, dict) and summary.get("run_id") == manifest.run_id and not summary.get("interrupted")
+    return summary if same else None
+
+
+def _chain(config: Config, recording: Recording) -> Any:
+    reference = recording.reference
+    return build_chain(config, unexplained=reference is not None and not reference.complete)
+
+
+def _sinks(job: Job, folder: Path) -> list[Sink]:
+    sinks: list[Sink] = []
+    output = job.config.output
+    if job.mcap:
+        from maritrack.sinks.mcap import McapSink
+
+        full = output.archive == "full"
+        sinks.append(McapSink(folder / MCAP, full=full, side=job.side, chunk_scans=output.chunk_scans, points=output.archive_points))
+    if job.rrd:
+        from maritrack.sinks.rerun import RerunSink  # a second of imports that other commands need not pay
+
+        sinks.append(RerunSink(folder / RRD, flush_scans=output.chunk_scans, raster_px=job.raster_px))
+    return sinks
+
+
+@contextmanager
+def only_one(folder: Path) -> Iterator[None]:
+    """Hold the folder for one run at a time; the lock ends with the process, however it ends."""
+    try:
+        import fcntl
+    except ImportError:  # not on this system: no lock
+        yield
+        return
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"{folder}: another run is writing here", hint="choose another folder with -o") from None
+        try:
+            yield
+        finally:
+            (folder / ".lock").unlink(missing_ok=True)
+
+
+def unlink(folder: Path, *names: str) -> None:
+    """Remove files of an older run."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _safe(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)[:60].strip(".") or "recording"
