@@ -45,7 +45,7 @@ def make_manifest(
     origin: Origin | None,
     recording: str,
 ) -> RunManifest:
-    """The manifest of a run. Its id covers code, configuration, inputs and side documents; equal ids, equal archives."""
+    """The manifest of a run. Its id covers code, configuration, inputs and side documents."""
     toml, code = to_toml(config), code_digest()
     digest = hashlib.sha256(f"{code}\n{toml}\n{' '.join(input_sha256)}\n".encode())
     for name in sorted(side):

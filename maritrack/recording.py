@@ -184,9 +184,10 @@ class _Place:
         stem = Path(octets.name).stem
         settings = for_input(self.sensors, stem, base=self.settings)
         if kind == "cat240":
+            poses = {name: pose for name, own in self.sensors.items() if (pose := self._pose(own)) is not None}
             return Cat240Source(
                 octets, settings, pose=self._pose(settings), origin=self.origin, strict=self.strict,
-                sensor_configs=self.sensors, sensor_poses={k: p for k, v in self.sensors.items() if (p := self._pose(v))},
+                sensor_configs=self.sensors, sensor_poses=poses,
             )  # fmt: skip
         if kind == "points":
             return PointSource(octets, settings, strict=self.strict)

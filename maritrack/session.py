@@ -103,7 +103,11 @@ def _sinks(job: Job, folder: Path) -> list[Sink]:
         from maritrack.sinks.mcap import McapSink
 
         full = output.archive == "full"
-        sinks.append(McapSink(folder / MCAP, full=full, side=job.side, chunk_scans=output.chunk_scans, points=output.archive_points))
+        sinks.append(
+            McapSink(
+                folder / MCAP, full=full, side=job.side, chunk_scans=output.chunk_scans, points=output.archive_points
+            )
+        )
     if job.rrd:
         from maritrack.sinks.rerun import RerunSink  # a second of imports that other commands need not pay
 

@@ -79,7 +79,9 @@ def main() -> None:
             line = f"{path.stem}: GOSPA {ours['gospa']:.1f} m, {ours['cpu_ms_per_scan']:.2f} ms CPU per scan"
             if args.peer:
                 command = [*shlex.split(args.peer), str(path), "jpda_pyehm2"]
-                peer = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
+                peer = json.loads(
+                    subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
+                )
                 ratio = peer["cpu_ms_per_scan_mean"] / ours["cpu_ms_per_scan"]
                 line += f"; peer GOSPA {peer['mean_gospa_c100_p2']:.1f} m, {ratio:.0f} times the CPU"
             print(line, flush=True)
