@@ -7,8 +7,9 @@ of the azimuth in its column's unit, ranges in m). The table is read as a whole.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +67,7 @@ class PlotSource:
         self._pose = pose if pose is not None else PoseTrack.fixed()
         self._data = whole(octets)
         self._rows, self._damage = read_rows(self._data, name=octets.name, date=config.date)
+        self._reach_m = float(self._rows.range_m.max(initial=0.0)) or math.inf  # that of the farthest plot
 
     def frames(self) -> Iterator[Frame]:
         """Frames from 0 on; the first carries the octets."""
@@ -96,8 +98,9 @@ class PlotSource:
             where=self._octets.name,
             head_up=True,
         )
+        sensor = point_sensor(self._config.sensor or "radar", self._config)
         return Scan(
-            sensor=point_sensor(self._config.sensor or "radar", self._config),
+            sensor=replace(sensor, max_range_m=min(sensor.max_range_m, self._reach_m)),
             t_ns=end_ns,
             t_start_ns=start_ns,
             position_m=self._pose.position(middle)[0],
