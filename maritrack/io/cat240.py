@@ -1,0 +1,269 @@
+"""Read ASTERIX category 240 (radar video, edition 1.3) from any stream of octets.
+
+The authority is the chain of LEN; a record that can't be read costs the rest of its data block, never the file.
+Blocks of the usual make are read many at a time, all others by `maritrack.io.cat240_exact`; both ways deliver the
+same. Nothing that is wrong is passed over in silence: it comes as Damage with a code and a place.
+
+Memory: a window of the input of at most 4 MiB, a batch of at most 4096 radials and 32 MiB of cells (one radial:
+524288 cells) with its octets, and 1 kB for each of the at most 65536 sensors. Time grows with the length of the input.
+Cells that inflate to more than 256 times the input so far (and 4 MiB) are dropped.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from maritrack.errors import InputError
+from maritrack.geo import C_MPS
+from maritrack.io.cat240_cells import ROW, Cells, Rows, cell_type, common_cells, exact_cells, take_rows
+from maritrack.io.cat240_exact import Summary, Video, parse_block
+from maritrack.io.cat240_items import Trouble
+from maritrack.io.cat240_order import Memory, screen
+from maritrack.io.cat240_scan import Chain, Found, scan
+from maritrack.io.framing import Window, pieces, window
+from maritrack.io.radials import Batch, Radials
+from maritrack.types import BoolArray, Damage, IntArray
+
+MAX_RADIALS = 4096
+MAX_CELL_OCTETS = 32 << 20
+INFLATION_FLOOR = 4 << 20  # cells
+INFLATION_RATIO = 256  # cells to an octet of input
+COLUMNS = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "tod")
+
+
+class Part(NamedTuple):
+    """A stretch of the input: a Batch before its damage is summed up, with the records that were read exactly."""
+
+    start: int
+    octets: bytes
+    radials: Radials | None
+    damage: list[Damage]
+    videos: list[Video]  # of `radials`, where all were read exactly
+    summaries: list[Summary]
+    window_base: int  # octet of the input that the places in `videos` and `summaries` count from
+
+
+@dataclass(slots=True)
+class _State:
+    """What the reader carries along the input."""
+
+    chain: Chain
+    inflated: int = 0  # cells
+    trusting: bool = True  # no stream has inflated to more than it declared
+    sensors: dict[int, Memory] = field(default_factory=dict)
+
+
+def read_batches(
+    chunks: Iterable[bytes | memoryview], *, strict: bool = False, name: str = "input", fast: bool = True
+) -> Iterator[Batch]:
+    """The radials of a CAT240 stream, cut into `chunks` anywhere, in batches whose octets add up to the input.
+
+    Radials that repeat one of the last records of their sensor are left out. With `strict` the first damage raises
+    InputError, which calls the input `name`. `fast=False` reads every record the exact way, with the same result.
+    """
+    for part in read_parts(chunks, fast=fast):
+        damage = _summed(part.damage)
+        if strict and damage:
+            first = damage[0]
+            raise InputError(f"{name}: {first.message} at byte {first.offset} ({first.code})")
+        yield Batch(part.start, part.octets, part.radials, damage)
+
+
+def file_chunks(path: str | Path, *, size: int = 2 << 20) -> Iterator[bytes]:
+    """The octets of a file (or pipe) in pieces of `size`. InputError where it can't be read.
+
+    Not a memory map: reading is as fast, works on pipes, and a file that is cut meanwhile can't kill the process.
+    """
+    try:
+        with open(path, "rb", buffering=0) as file:
+            while chunk := file.read(size):
+                yield chunk
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+
+
+def read_parts(chunks: Iterable[bytes | memoryview], *, fast: bool) -> Iterator[Part]:
+    """What `read_batches` and `dump_records` are made of."""
+    state = _State(Chain(fast))
+    rest, base = b"", 0
+    for piece in pieces(chunks):
+        w = window(base, b"".join((rest, piece)), final=False)
+        end = 0
+        for part in _read_window(w, state):
+            end += len(part.octets)
+            yield part
+        rest, base = w.data[end:], base + end
+    yield from _read_window(window(base, rest, final=True), state)
+
+
+def _read_window(w: Window, state: _State) -> Iterator[Part]:
+    at = 0
+    while (found := scan(w, at, state.chain)).end > at:
+        yield from _deliver(w, at, found, state)
+        at = found.end
+
+
+def _deliver(w: Window, start: int, found: Found, state: _State) -> Iterator[Part]:
+    """The parts that make up the stretch of the window from `start` on."""
+    rows = np.concatenate(found.rows) if found.rows else np.zeros(0, dtype=ROW)
+    affordable = _charge(w, rows, state)
+    damage = sorted(found.damage, key=lambda one: one.offset)
+    bounds = _split(rows)
+    ends = _ends(rows, bounds, start, found.end)
+    damage_upto = [bisect_left(damage, w.base + end, key=lambda one: one.offset) for end in ends[:-1]]
+    summaries_upto = [bisect_left(found.summaries, end, key=lambda one: one.at) for end in ends[:-1]]
+    cuts = zip(
+        pairwise(bounds), pairwise([start, *ends]), pairwise([0, *damage_upto, len(damage)]),
+        pairwise([0, *summaries_upto, len(found.summaries)]), strict=True,
+    )  # fmt: skip
+    for (first, last), (begin, end), (told, upto), (said, until) in cuts:
+        radials, troubles, videos = _radials(w, rows[first:last], affordable[first:last], found.videos, state)
+        here = sorted([*damage[told:upto], *troubles], key=lambda one: one.offset)
+        yield Part(w.base + begin, w.data[begin:end], radials, here, videos, found.summaries[said:until], w.base)
+
+
+def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
+    """Which rows may be inflated: all, until a hostile input would grow beyond its budget."""
+    affordable = np.ones(len(rows), dtype=np.bool_)
+    charge = np.where(rows["compressed"] > 0, rows["n_cells"], 0)
+    budget = np.maximum(INFLATION_FLOOR, INFLATION_RATIO * (w.base + rows["block_end"]))
+    if (state.inflated + np.cumsum(charge) <= budget).all():
+        state.inflated += int(charge.sum())
+        return affordable
+    for i, (cells, limit) in enumerate(zip(charge.tolist(), budget.tolist(), strict=True)):
+        affordable[i] = cells == 0 or state.inflated + cells <= limit
+        state.inflated += cells if affordable[i] else 0
+    return affordable
+
+
+def _split(rows: Rows) -> list[int]:
+    """Bounds of runs of rows that make a batch: of one width in bits, and not too many cells."""
+    bounds = [0]
+    changes = [*(np.flatnonzero(np.diff(rows["bits"])) + 1).tolist(), len(rows)]
+    for end in changes:
+        first = bounds[-1]
+        octets = rows["n_cells"][first:end] * cell_type(int(rows["bits"][first])).itemsize if end else rows["n_cells"]
+        if end - first > MAX_RADIALS or (end - first) * int(octets.max(initial=0)) > MAX_CELL_OCTETS:
+            widest = 0
+            for i, size in enumerate(octets.tolist(), first):
+                widest = max(widest, size)
+                if i > bounds[-1] and (
+                    i - bounds[-1] == MAX_RADIALS or (i + 1 - bounds[-1]) * widest > MAX_CELL_OCTETS
+                ):
+                    bounds.append(i)
+                    widest = size
+        bounds.append(end)
+    return bounds
+
+
+def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
+    """Where each batch ends in the window: before the data block of the next one's first row."""
+    ends = [start]
+    for i in bounds[1:-1]:
+        shared = rows["block"][i] == rows["block"][i - 1]  # records of one block in two batches: the first has it
+        ends.append(max(ends[-1], int(rows["block_end" if shared else "block"][i])))
+    return [*ends[1:], stop]
+
+
+def _radials(
+    w: Window, rows: Rows, affordable: BoolArray, videos: list[Video], state: _State
+) -> tuple[Radials | None, list[Damage], list[Video]]:
+    """The radials of rows of one width in bits, what was wrong with them, and their exact records if all have one."""
+    if len(rows) == 0:
+        return None, [], []
+    cells, n_cells, troubles = _cells(w, rows, affordable, videos, state)
+    index = np.flatnonzero(n_cells >= 0)
+    kept = rows if len(index) == len(rows) else take_rows(rows, index)
+    keys = np.stack([kept[name] for name in ("idx", "start_az", "end_az", "start_rg")], axis=1)
+    duplicate, backwards = screen(state.sensors, sensor=kept["sac"] << 8 | kept["sic"], keys=keys, tod=kept["tod"])
+    for i in index[duplicate].tolist():
+        troubles[i] = [("duplicate", f"message {rows['idx'][i]} was there before")]
+    for i in index[backwards].tolist():
+        troubles.setdefault(i, []).append(("tod-backwards", f"time of day steps back at message {rows['idx'][i]}"))
+    damage = [
+        Damage(code, w.base + int(rows["at"][i]), message, f"{rows['sac'][i]}-{rows['sic'][i]}")
+        for i in sorted(troubles)
+        for code, message in troubles[i]
+    ]
+    if duplicate.any():
+        index = index[~duplicate]
+        kept = take_rows(rows, index)
+    if len(index) == 0:
+        return None, damage, []
+    exact = [] if state.chain.fast else [videos[i] for i in rows["record"][index].tolist()]
+    return (
+        _as_radials(w, kept, cells if len(index) == len(rows) else cells[index], n_cells[index]),
+        damage,
+        exact,
+    )
+
+
+def _cells(
+    w: Window, rows: Rows, affordable: BoolArray, videos: list[Video], state: _State
+) -> tuple[Cells, IntArray, dict[int, list[Trouble]]]:
+    """Cells (n, most), how many each row has (-1 = the row is dropped), and the troubles of row i."""
+    n_cells = rows["n_cells"].copy()
+    troubles: dict[int, list[Trouble]] = {}
+    usual = (rows["record"] < 0) & affordable
+    if usual.all():
+        cells, failed = common_cells(w, rows, trusting=state.trusting)
+        usual = ~failed
+    else:
+        cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"][0])))
+        index = np.flatnonzero(usual)
+        if len(index):
+            some, failed = common_cells(w, take_rows(rows, index), trusting=state.trusting)
+            cells[index, : some.shape[1]] = some
+            usual[index[failed]] = False
+    for i in np.flatnonzero(~usual).tolist():
+        if not affordable[i]:
+            n_cells[i], troubles[i] = -1, [("inflation-budget", "the input inflates to too many cells")]
+            continue
+        row = rows[i]
+        record = videos[row["record"]] if row["record"] >= 0 else _reread(w, row)
+        found, trouble = exact_cells(w.data, record)
+        told = [] if trouble is None else [trouble]
+        state.trusting &= trouble is None or trouble[0] != "inflates-beyond-declared"
+        cells[i] = 0
+        if found is None:
+            n_cells[i], troubles[i] = -1, told
+            continue
+        n_cells[i], cells[i, : len(found)] = len(found), found
+        if told or record.troubles:
+            troubles[i] = [*record.troubles, *told]
+    return cells, n_cells, troubles
+
+
+def _reread(w: Window, row: Any) -> Video:
+    """The exact record of a row of the usual make."""
+    return parse_block(w, int(row["block"]), int(row["block_end"])).videos[0]
+
+
+def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray) -> Radials:
+    columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
+    femto = rows["femto"] > 0
+    widest = int(n_cells.max())
+    return Radials(
+        offset=w.base + rows["block"], **columns, femto=femto,
+        cell_m=np.where(femto, rows["cell_dur"] * 1e-15, rows["cell_dur"] * 1e-9) * C_MPS / 2,
+        compressed=rows["compressed"] > 0, n_cells=n_cells, bits=int(rows["bits"][0]),
+        cells=cells if cells.shape[1] == widest else np.ascontiguousarray(cells[:, :widest]),
+    )  # fmt: skip
+
+
+def _summed(damage: list[Damage]) -> tuple[Damage, ...]:
+    """The same with one entry for what happened several times in a row."""
+    runs = groupby(damage, key=lambda one: (one.code, one.sensor))
+    return tuple(_sum_of(list(run)) for _, run in runs)
+
+
+def _sum_of(run: list[Damage]) -> Damage:
+    first = run[0]
+    return first if len(run) == 1 else replace(first, count=sum(one.count for one in run))
