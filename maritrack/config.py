@@ -263,7 +263,12 @@ def load_config(
     """The resolved configuration. `over` holds what named options say, as a nested table."""
     table = preset_table(preset) if preset else {}
     if file is not None:
-        table = merge(table, read_toml(file))
+        over_file = read_toml(file)
+        try:
+            build(Config, over_file, "")
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}", error.hint) from None
+        table = merge(table, over_file)
     for assignment in sets:
         table = merge(table, parse_set(assignment))
     table = merge(table, over or {})

@@ -52,6 +52,9 @@ def open_inputs(paths: Sequence[Path]) -> list[Octets]:
     """The octets of files, each with its channel in the archive."""
     if not paths:
         raise UsageError("no input")
+    for path in paths:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: a pipe or a device", hint="a run reads its input twice: save it to a file first")
     first = [octets_from_file(path, "") for path in paths]
     kinds = kinds_of(first)
     several = len(paths) > 1
@@ -74,6 +77,8 @@ def side_documents(
                 documents[name] = path.read_bytes()
             except OSError as error:
                 raise InputError(f"{path}: {error.strerror or error}") from None
+    if sensors is not None:  # it may name sensors by the stems of their files
+        documents["names"] = "\n".join(path.stem for path in paths).encode()
     return documents
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -83,8 +86,8 @@ def run(
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
 
-    An interruption by the user closes the sinks, and the summary says so; any other error aborts them, so
-    that no half run stands under a final name.
+    An interruption by the user ends the run after the frame in work and closes the sinks, and the summary says
+    so; any other error aborts them, so that no half run stands under a final name.
     """
     from maritrack.chain import reported
 
@@ -94,10 +97,10 @@ def run(
     state, interrupted, opened = chain.init(), False, []
     started = time.process_time()
     try:
-        for sink in sinks:
-            sink.open(manifest)
-            opened.append(sink)
-        try:
+        with interruptions() as asked:
+            for sink in sinks:
+                opened.append(sink)
+                sink.open(manifest)
             for frame in with_truth(_timed(frames, tally.timing_ms), reference, chain):
                 state, result = process(chain, state, frame)
                 at = time.process_time()
@@ -107,8 +110,9 @@ def run(
                 tally.add(result, reported(result.tracks, config))
                 if progress is not None:
                     progress(result)
-        except KeyboardInterrupt:
-            interrupted = True
+                if asked():
+                    interrupted = True
+                    break
         summary = summarise(tally, chain, manifest, time.process_time() - started, interrupted)
         for sink in sinks:
             sink.close(summary)
@@ -117,6 +121,26 @@ def run(
             sink.abort()
         raise
     return summary
+
+
+@contextmanager
+def interruptions() -> Iterator[Callable[[], bool]]:
+    """Whether the user has asked to stop: the first Ctrl-C waits for the frame in work, the second does not."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    asked: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(asked)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def with_truth(frames: Iterable[Frame], reference: Reference | None, chain: Chain) -> Iterator[Frame]:

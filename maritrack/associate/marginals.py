@@ -111,7 +111,7 @@ def existence_update(
     return np.minimum(posterior, 1.0), beta / divisor[track], missed / divisor
 
 
-def sparse_marginals(  # noqa: PLR0917
+def sparse_marginals(
     track: IntArray,
     measurement: IntArray,
     log_weight: FloatArray,

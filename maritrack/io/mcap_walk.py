@@ -111,7 +111,9 @@ def _checked(record: Record, head: bytes, crc: int | None, report: OnDamage) -> 
 
 def _broken(offset: int, found: int, size: int) -> Damage:
     if found < 0:
-        return Damage("archive-truncated", offset, f"the file breaks off, {size - offset} octets are lost")
+        return Damage(
+            "archive-truncated", offset, f"the file breaks off, {size - offset} octets of a record are left over"
+        )
     return Damage("archive-record", offset, f"{found - offset} octets that are no record")
 
 

@@ -1,0 +1,1 @@
+"""The command line of maritrack. Thin: a command parses, calls one function of the library, renders."""

@@ -1,0 +1,41 @@
+"""Options that several commands share, with their help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+METHOD, INPUT, OUTPUT, DISPLAY = "Method", "Input", "Output", "Display"
+
+
+def method(*names: str) -> Any:
+    """An option (names, then its help) in the panel of methods."""
+    return typer.Option(*names[:-1], help=names[-1], rich_help_panel=METHOD)
+
+
+def given(*names: str) -> Any:
+    """An option in the panel of inputs."""
+    return typer.Option(*names[:-1], help=names[-1], rich_help_panel=INPUT)
+
+
+def output(*names: str) -> Any:
+    """An option in the panel of outputs."""
+    return typer.Option(*names[:-1], help=names[-1], rich_help_panel=OUTPUT)
+
+
+def display(*names: str) -> Any:
+    """An option in the panel of display."""
+    return typer.Option(*names[:-1], help=names[-1], rich_help_panel=DISPLAY)
+
+
+Tracker = Annotated[str, method("--tracker", "-t", "Tracker, by default the preset's.")]
+Preset = Annotated[str, method("--preset", "-p", "Preset, by default by content (`maritrack config list`).")]
+ConfigFile = Annotated[Path | None, method("--config", "-c", "TOML laid over the preset.")]
+Sets = Annotated[list[str] | None, method("--set", "One setting: KEY=VALUE, e.g. model.p_detect=0.9.")]
+Seed = Annotated[int | None, method("--seed", "Seed of all randomness.")]
+Truth = Annotated[Path | None, given("--truth", "AIS as CSV, points document or Autoferry ground truth.")]
+Out = Annotated[Path | None, output("--out", "-o", "Folder for run.rrd, run.mcap, summary.json.")]
+Json = Annotated[bool, display("--json", "One JSON document on standard output.")]
+Quiet = Annotated[bool, display("--quiet", "-q", "No progress, no notes.")]

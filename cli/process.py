@@ -1,0 +1,119 @@
+"""`maritrack process`: run the chain on a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from . import options as opt
+from . import render
+
+HELP = """Run detection, clustering, a tracker and the metrics on a recording.
+
+Reads ASTERIX CAT240 video, points (maritrack-points/1, Autoferry, plots as CSV), told apart by content.
+Writes run.rrd (open it with `rerun run.rrd`), run.mcap (`maritrack replay`), summary.json.
+
+Examples:
+
+    maritrack process harbour.cat240
+
+    maritrack process rec.cat240 --truth ais.csv --own-ship ais.csv --date 2017-11-02 -o out
+
+    maritrack process detections.json --set model.p_detect=0.9 --json | python -m json.tool
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(name="process", help=HELP)(process)
+
+
+def process(
+    inputs: Annotated[list[Path], typer.Argument(help="Recordings; several are several sensors.", show_default=False)],
+    tracker: opt.Tracker = "",
+    preset: opt.Preset = "",
+    config: opt.ConfigFile = None,
+    sets: opt.Sets = None,
+    seed: opt.Seed = None,
+    truth: opt.Truth = None,
+    own_ship: Annotated[Path | None, opt.given("--own-ship", "AIS (CSV) of the ship that carries it.")] = None,
+    position: Annotated[str, opt.given("--position", "LAT,LON of a fixed radar, degrees.")] = "",
+    date: Annotated[str, opt.given("--date", "Day of recordings that tell the time of day only: YYYY-MM-DD.")] = "",
+    stabilised: Annotated[str, opt.given("--stabilised", "Azimuths count from north or from the head.")] = "",
+    azimuth_edge: Annotated[str, opt.given("--azimuth-edge", "Edge of the azimuth: start, centre, end.")] = "",
+    azimuth_offset: Annotated[float | None, opt.given("--azimuth-offset", "Degrees added to each azimuth.")] = None,
+    sensors: Annotated[Path | None, opt.given("--sensors", "TOML with these settings for each sensor.")] = None,
+    sensor: Annotated[str, opt.given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")] = "",
+    from_s: Annotated[float | None, opt.given("--from", "Begin so many seconds after the first scan.")] = None,
+    to_s: Annotated[float | None, opt.given("--to", "End so many seconds after the first scan.")] = None,
+    limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
+    moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
+    strict: Annotated[bool, opt.given("--strict", "Stop at the first damage in the input.")] = False,
+    out: opt.Out = None,
+    no_rrd: Annotated[bool, opt.output("--no-rrd", "No picture.")] = False,
+    no_mcap: Annotated[bool, opt.output("--no-mcap", "No archive.")] = False,
+    force: Annotated[bool, opt.output("--force", "Run even if an equal run is there.")] = False,
+    view: Annotated[bool, opt.display("--view", "Open the picture in the Rerun viewer.")] = False,
+    json_: opt.Json = False,
+    quiet: opt.Quiet = False,
+) -> None:  # fmt: skip
+    """Parse, run, render."""
+    from maritrack.config import load_config
+    from maritrack.manifest import file_digest
+    from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
+    from maritrack.session import Job, execute
+
+    octets = open_inputs(inputs)
+    kinds = kinds_of(octets)
+    chosen = preset or default_preset(kinds)
+    over = overrides(
+        tracker, seed, position, date, stabilised, azimuth_edge, azimuth_offset, sensor, from_s, to_s, limit, moving
+    )
+    settings = load_config(preset=chosen, file=config, sets=sets or (), over=over)
+    side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors)
+    job = Job(
+        octets=octets, kinds=kinds, input_sha256=[file_digest(p) for p in inputs], side=side, config=settings,
+        name=inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap, strict=strict, force=force,
+    )  # fmt: skip
+    render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
+    with render.progress(quiet=quiet, total_octets=sum(o.size for o in octets)) as tick:
+        summary, reused = execute(job, progress=tick)
+    if reused:
+        render.note("an equal run is here already (--force runs it again)", quiet=quiet)
+    render.emit_json(summary) if json_ else render.summary(summary)
+    if view and "rrd" in summary["outputs"]:
+        render.view(Path(summary["outputs"]["rrd"]))
+    if summary.get("interrupted"):
+        raise typer.Exit(130)
+
+
+def overrides(
+    tracker: str, seed: int | None, position: str, date: str, stabilised: str, azimuth_edge: str,
+    azimuth_offset: float | None, sensor: str, from_s: float | None, to_s: float | None, limit: int | None,
+    moving: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """What named options say, as a table over the configuration."""
+    from maritrack.errors import UsageError
+
+    table: dict[str, Any] = {}
+    values: dict[str, Any] = {
+        "date": date, "stabilised": stabilised, "azimuth_edge": azimuth_edge, "azimuth_offset_deg": azimuth_offset,
+        "sensor": sensor, "from_s": from_s, "to_s": to_s, "limit": limit,
+    }  # fmt: skip
+    given = {key: value for key, value in values.items() if value not in ("", None)}
+    if position:
+        try:
+            given["lat_deg"], given["lon_deg"] = (float(part) for part in position.split(","))
+        except ValueError:
+            raise UsageError(f"--position '{position}': write LAT,LON in degrees, as in 50.73,-1.08") from None
+    if given:
+        table["input"] = given
+    if tracker:
+        table["tracker_name"] = tracker
+    if seed is not None:
+        table["seed"] = seed
+    if moving:
+        table["score"] = {"moving_only": True}
+    return table

@@ -1,0 +1,47 @@
+"""`maritrack simulate`: recordings that are the same again, and wrong use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.cli.calling import call, spawn
+
+
+def test_a_recording_and_its_truth_are_written(tmp_path: Path) -> None:
+    done = spawn("simulate", "harbour", "-o", tmp_path / "rec.cat240", "--scans", "2", "--json")
+    assert done.code == 0 and done.err == "" and done.json["scans"] == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["rec.cat240", "rec.truth.json"]
+    shown = call("show", tmp_path / "rec.cat240", "--json").json
+    assert shown["scans"] == 2 and shown["truth"] > 0
+
+
+def test_equal_seeds_give_equal_octets(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("a", "b", "c")]
+    for path, seed in zip(paths, (3, 3, 4), strict=True):
+        call("simulate", "harbour", "-o", path, "--scans", "1", "--seed", str(seed))
+    a, b, c = (path.read_bytes() for path in paths)
+    assert a == b and a != c
+
+
+def test_the_sample_is_what_the_scene_makes(sample: Path, tmp_path: Path) -> None:
+    call("simulate", "harbour", "-o", tmp_path / "rec.cat240", "--scans", "2")
+    octets = (tmp_path / "rec.cat240").read_bytes()
+    assert sample.read_bytes()[: len(octets)] == octets
+
+
+def test_scenes_are_listed() -> None:
+    assert "harbour" in call("simulate", "--list").out.splitlines()
+    assert "harbour" in call("simulate", "--list", "--json").json["scenes"]
+
+
+def test_wrong_use_is_told_in_one_line(tmp_path: Path) -> None:
+    out = tmp_path / "rec.cat240"
+    assert "harbor" in call("simulate", "harbor", "-o", out).error
+    assert "-o" in call("simulate", "harbour").error
+    assert "-o" in call("simulate").error
+    assert str(tmp_path / "no.toml") in call("simulate", tmp_path / "no.toml", "-o", out).error
+    nowhere = tmp_path / "no" / "rec.cat240"
+    assert str(nowhere) in call("simulate", "harbour", "-o", nowhere, "--scans", "1").error
+    assert call("simulate", "harbour", "-o", out, "--scans", "0").code == 2
+    assert call("simulate", "harbour", "-o", out, "--seed", "-1").code == 2
+    assert not list(tmp_path.iterdir())
