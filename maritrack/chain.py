@@ -91,6 +91,14 @@ def track_events(before: tuple[int, ...], now: tuple[int, ...], tracks: Tracks, 
     if info.n_inexact:
         text = f"{info.n_inexact} groups beyond the exact limit: association by loopy belief propagation"
         events.append(Event("warning", "track", text))
+    if info.n_cut:
+        events.append(
+            Event("warning", "track", f"{info.n_cut} pairs of tracks and clusters left out: more than 64 in a gate")
+        )
+    if info.n_left_out:
+        events.append(
+            Event("warning", "track", f"{info.n_left_out} clusters started no track: tracker.max_tracks reached")
+        )
     if info.clock_back:
         events.append(Event("warning", "track", "the clock stepped back: tracks not moved"))
     return tuple(events)

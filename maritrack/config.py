@@ -160,6 +160,7 @@ class TrackerConfig:
     moving_time_constant_s: float = 30.0
     moving_unsteadiness: float = 0.2  # velocity and velocity made good may differ by this share for that
     moving_hits: int = 0
+    max_tracks: int = 5000  # no new ones beyond
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
 
     def __post_init__(self) -> None:
@@ -168,6 +169,7 @@ class TrackerConfig:
         _positive("tracker.moving_unsteadiness", self.moving_unsteadiness)
         _positive("tracker.moving_time_constant_s", self.moving_time_constant_s)
         _require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
+        _require(self.max_tracks >= 1, "tracker.max_tracks starts at 1")
         _require(1 <= self.exact_limit <= 16, "tracker.exact_limit is within 1..16")
 
 

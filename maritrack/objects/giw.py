@@ -18,6 +18,8 @@ from maritrack.objects import matrix2
 from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE4 = np.eye(4)
+BLOCK = 500_000  # pairs of an object and a cluster looked at together
+NEAREST = 64  # clusters an object may choose from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,18 +91,47 @@ def centroid_weight(clusters: Clusters, j: IntArray, model: ModelConfig) -> Floa
     return np.maximum(clusters.weight_sq[j], least)
 
 
-def gate(d: Giw, clusters: Clusters, dt_s: FloatArray, limit: float, model: ModelConfig) -> tuple[IntArray, IntArray]:
-    """Pairs (i, j) whose centroid lies in the gate, full extent counted; dt_s (n, c).   Eq: polar-12"""
-    z, R = clusters.mean_m, clusters.noise_m2
-    offset = z[None] - d.x[:, None, :2]
-    offset -= dt_s[..., None] * d.x[:, None, 2:]
-    spread = d.P[:, 0, 0] + d.P[:, 1, 1] + model.rho * (d.X[:, 0, 0] + d.X[:, 1, 1])
-    slack = np.abs(dt_s) * np.sqrt(d.P[:, 2, 2] + d.P[:, 3, 3])[:, None]
+def gate(
+    d: Giw, clusters: Clusters, t_ns: IntArray, limit: float, model: ModelConfig
+) -> tuple[IntArray, IntArray, FloatArray, int]:
+    """Pairs (i, j) whose centroid lies in the gate, full extent counted.   Eq: polar-12
+
+    Also the seconds (k,) from each object's time t_ns (n,) to its cluster's, and how many pairs were cut because
+    an object had more than 64 clusters in its gate; the nearest stay. Objects are taken in blocks: memory is
+    bounded.
+    """
+    rows = max(1, BLOCK // max(len(clusters), 1))
+    blocks = [_gate_block(d, clusters, t_ns, at, at + rows, limit, model) for at in range(0, len(d), rows)]
+    if not blocks:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), 0
+    i, j, dt_s = (np.concatenate([block[part] for block in blocks]) for part in range(3))
+    return i, j, dt_s, sum(block[3] for block in blocks)
+
+
+def _gate_block(
+    d: Giw, clusters: Clusters, t_ns: IntArray, begin: int, end: int, limit: float, model: ModelConfig
+) -> tuple[IntArray, IntArray, FloatArray, int]:
+    z, R, x, P, X = clusters.mean_m, clusters.noise_m2, d.x[begin:end], d.P[begin:end], d.X[begin:end]
+    dt = (clusters.t_ns[None, :] - t_ns[begin:end, None]).astype(np.float64) * 1e-9
+    offset = z[None] - x[:, None, :2]
+    offset -= dt[..., None] * x[:, None, 2:]
+    spread = P[:, 0, 0] + P[:, 1, 1] + model.rho * (X[:, 0, 0] + X[:, 1, 1])
+    slack = np.abs(dt) * np.sqrt(P[:, 2, 2] + P[:, 3, 3])[:, None]
     bound = (np.sqrt(spread[:, None] + (R[:, 0, 0] + R[:, 1, 1])[None]) + slack + model.centroid_sigma_m * 2) ** 2
     i, j = np.nonzero((offset[..., 0] ** 2 + offset[..., 1] ** 2) <= limit * bound)
-    S = predicted_centroid(d, i, dt_s[i, j]) + model.rho * d.X[i] + R[j] + model.centroid_sigma_m**2 * np.eye(2)
-    inside = matrix2.form(matrix2.inverse(S), offset[i, j]) <= limit
-    return i[inside], j[inside]
+    dt_s, nu = dt[i, j], offset[i, j]
+    S = predicted_centroid(d, i + begin, dt_s) + model.rho * X[i] + R[j] + model.centroid_sigma_m**2 * np.eye(2)
+    distance = matrix2.form(matrix2.inverse(S), nu)
+    inside = distance <= limit
+    i, j, dt_s, distance = i[inside], j[inside], dt_s[inside], distance[inside]
+    cut = 0
+    if len(i) and np.bincount(i).max() > NEAREST:
+        order = np.lexsort((distance, i))
+        first = np.searchsorted(i[order], i[order])
+        near = np.sort(order[np.arange(len(order)) - first < NEAREST])
+        cut = len(i) - len(near)
+        i, j, dt_s = i[near], j[near], dt_s[near]
+    return i + begin, j, dt_s, cut
 
 
 def predicted_centroid(d: Giw, i: IntArray, dt_s: FloatArray) -> FloatArray:

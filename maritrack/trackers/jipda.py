@@ -24,10 +24,10 @@ from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, S
 class Info:
     """What is worth knowing about one update."""
 
-    n_pairs: int = 0
     n_inexact: int = 0  # groups beyond the exact limit
     clock_back: bool = False
-    born: int = 0
+    n_cut: int = 0  # pairs in the gate that were not considered
+    n_left_out: int = 0  # clusters that started no track because there were too many tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,8 @@ class Jipda:
         config, model = self.config, self.config.model
         tracks, clock_back = predict(state, scan, points, config)
         d, lam = tracks.density, tracklist.clutter_at(tracks.clutter, clusters, config)
-        dt = tracklist.seconds(clusters.t_ns[None, :] - tracks.t_ns[:, None])
-        i, j = giw.gate(d, clusters, dt, gate_limit(model.p_gate), model)
-        pairs = giw.pair_up(d, clusters, i, j, dt[i, j], model)
+        i, j, dt_s, cut = giw.gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
+        pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
         p_detect = self._p_detect(tracks, scan)
         log_w, log_w0 = self._log_weights(tracks, clusters, pairs, scan, points, p_detect, lam)
         beta, beta0, inexact = sparse_marginals(
@@ -68,10 +67,10 @@ class Jipda:
         unexplained = np.asarray(1.0 - np.bincount(j, beta, len(clusters)), np.float64)
         clutter = tracklist.learn_clutter(tracks.clutter, clusters, unexplained, scan, config)
         tracks = tracklist.manage(replace(tracks, clutter=clutter), config)
-        free = np.flatnonzero(unexplained > 0.5)
+        free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(unexplained > 0.5), config.tracker)
         r0 = tracklist.birth_existence(config, tracklist.clutter_at(clutter, clusters, config)[free])
         tracks = tracklist.start(tracks, clusters, free, self._birth_time(scan, points, clusters, free), r0, config)
-        return tracks, Info(len(i), inexact, clock_back, len(free))
+        return tracks, Info(inexact, clock_back, cut, left_out)
 
     def estimate(self, state: TrackList) -> Tracks:
         """Tracks at their own times."""

@@ -123,6 +123,15 @@ def birth_existence(config: Config, clutter_density: FloatArray) -> FloatArray:
     return np.asarray(born / (clutter_density + born))
 
 
+def room_for(tracks: TrackList, clusters: Clusters, free: IntArray, rules: TrackerConfig) -> tuple[IntArray, int]:
+    """The clusters `free` that may start a track, the larger ones first served, and how many may not."""
+    room = max(rules.max_tracks - len(tracks), 0)
+    if len(free) <= room:
+        return free, 0
+    largest = np.lexsort((free, -clusters.intensity[free], -clusters.count[free]))[:room]
+    return np.sort(free[largest]), len(free) - room
+
+
 def start(
     tracks: TrackList, clusters: Clusters, free: IntArray, t_ns: IntArray, r0: FloatArray, config: Config
 ) -> TrackList:

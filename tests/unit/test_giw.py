@@ -155,7 +155,10 @@ def test_gate_equals_its_definition(seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)
     d = objects(rng, 6, extent=True)
     z = clusters(rng.normal(0, 90, (8, 2)), spd(rng, 8, 2, 20.0))
-    i, j = giw.gate(d, z, np.full((6, 8), dt), 9.21, EXTENDED)
+    z = replace(z, t_ns=np.full(8, round(dt * 1e9)))
+    dt = round(dt * 1e9) * 1e-9
+    i, j, seconds, cut = giw.gate(d, z, np.zeros(6, np.int64), 9.21, EXTENDED)
+    assert cut == 0 and np.allclose(seconds, dt)
     H = np.array([[1, 0, dt, 0], [0, 1, 0, dt]])
     inside = set()
     for a in range(6):
@@ -165,6 +168,27 @@ def test_gate_equals_its_definition(seed: int, dt: float) -> None:
             if nu @ np.linalg.solve(S, nu) <= 9.21:
                 inside.add((a, b))
     assert set(zip(i.tolist(), j.tolist(), strict=True)) == inside
+
+
+def test_gate_in_blocks_is_the_gate_and_a_crowd_is_cut_to_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    d, z = objects(rng, 9, extent=True), clusters(rng.normal(0, 40, (30, 2)), spd(rng, 30, 2, 20.0))
+    whole = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    monkeypatch.setattr(giw, "BLOCK", 60)
+    blocks = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    assert all((a == b).all() for a, b in zip(whole[:3], blocks[:3], strict=True))
+    monkeypatch.setattr(giw, "NEAREST", 3)
+    i, j, _, cut = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    assert np.bincount(i).max() == 3 and cut == len(whole[0]) - len(i)
+    S = (
+        giw.predicted_centroid(d, whole[0], np.zeros(len(whole[0])))
+        + EXTENDED.rho * d.X[whole[0]]
+        + z.noise_m2[whole[1]]
+    )
+    S += EXTENDED.centroid_sigma_m**2 * np.eye(2)
+    far = matrix2.form(matrix2.inverse(S), z.mean_m[whole[1]] - d.x[whole[0], :2])
+    best = {(a, b) for a in range(9) for b in whole[1][whole[0] == a][np.argsort(far[whole[0] == a])[:3]].tolist()}
+    assert set(zip(i.tolist(), j.tolist(), strict=True)) == best
 
 
 @pytest.mark.eq("polar-7")
@@ -191,6 +215,6 @@ def test_extent_of_a_filled_ellipse_settles_at_its_axes() -> None:
 def test_no_cluster_and_no_object_are_normal() -> None:
     none = giw.birth(clusters(np.zeros((0, 2)), np.zeros((0, 2, 2))), EXTENDED)
     z = clusters(np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    i, j = giw.gate(none, z, np.zeros((0, 0)), 9.21, EXTENDED)
+    i, j, _, _ = giw.gate(none, z, np.zeros(0, np.int64), 9.21, EXTENDED)
     assert len(none) == len(i) == len(j) == 0
     assert len(giw.update(none, z, all_pairs(none, z, EXTENDED), np.zeros(0), np.zeros(0), EXTENDED)) == 0
