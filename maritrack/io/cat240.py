@@ -112,7 +112,7 @@ def _read_window(w: Window, state: _State) -> Iterator[Part]:
 
 def _deliver(w: Window, start: int, found: Found, state: _State) -> Iterator[Part]:
     """The parts that make up the stretch of the window from `start` on."""
-    rows = np.concatenate(found.rows) if found.rows else np.zeros(0, dtype=ROW)
+    rows = found.rows[0] if len(found.rows) == 1 else np.concatenate([np.zeros(0, dtype=ROW), *found.rows])
     affordable = _charge(w, rows, state)
     damage = sorted(found.damage, key=lambda one: one.offset)
     bounds = _split(rows)

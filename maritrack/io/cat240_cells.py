@@ -45,6 +45,7 @@ def _repetition_octets() -> IntArray:
 
 
 REPETITION = _repetition_octets()
+BITS_OF_RES = np.array([0, 1, 2, 4, 8, 16, 32] + [0] * 249, dtype=np.int64)  # 0 = there is none
 
 
 def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
@@ -54,7 +55,7 @@ def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
     Rows of other blocks are without meaning.
     """
     begin, end = starts[:-1], starts[1:]
-    rows = np.zeros(len(begin), dtype=ROW)
+    rows = np.empty(len(begin), dtype=ROW)
     if len(w.data) < HEAD.itemsize:
         return np.zeros(len(begin), dtype=np.bool_), rows
     roomy = end - begin >= HEAD.itemsize
@@ -62,14 +63,15 @@ def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
     for name in ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur"):
         rows[name] = head[name]
     rows["block"], rows["block_end"], rows["at"], rows["record"] = begin, end, begin + 3, -1
-    rows["femto"] = head["fspec"][:, 0] == FEMTO
+    femto = head["fspec"][:, 0] == FEMTO
+    rows["femto"] = femto
     rows["compressed"] = head["flags"] >> 7
-    rows["bits"] = 1 << np.clip(head["res"].astype(np.int64), 1, 6) - 1
+    rows["bits"] = BITS_OF_RES[head["res"]]
     rows["n_cells"] = head["nbcells_high"].astype(np.int64) << 16 | head["nbcells_low"]
     rows["first"], rows["octets"] = begin + HEAD.itemsize, head["nbvb"]
     tail_fits, rows["tod"] = _tails(w, head, begin, end)
-    known = (head["fspec"][:, 0] == FEMTO) | (head["fspec"][:, 0] == NANO)
-    sound = (head["kind"] == 2) & (head["res"] >= 1) & (head["res"] <= 6) & (head["cell_dur"] > 0)
+    known = femto | (head["fspec"][:, 0] == NANO)
+    sound = (head["kind"] == 2) & (rows["bits"] > 0) & (rows["cell_dur"] > 0)
     sound &= (rows["end_az"] - rows["start_az"]) % 65_536 <= 32_768
     return roomy & known & sound & tail_fits & (rows["tod"] < TOD_PER_DAY) & _agreeing(rows), rows
 

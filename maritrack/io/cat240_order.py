@@ -32,7 +32,7 @@ def screen(
     back of more than half a day is midnight. `memories` is brought up to date.
     """
     duplicate, backwards = np.zeros(len(sensor), dtype=np.bool_), np.zeros(len(sensor), dtype=np.bool_)
-    few = np.unique(sensor) if len(sensor) >= WORTHWHILE else sensor[:0]
+    few = _distinct(sensor) if len(sensor) >= WORTHWHILE else sensor[:0]
     todo = np.zeros(len(sensor), dtype=np.bool_) if 0 < len(few) <= FEW_SENSORS else ~duplicate
     for one in few.tolist() if len(few) <= FEW_SENSORS else []:
         group = np.flatnonzero(sensor == one)
@@ -50,6 +50,10 @@ def screen(
             backwards[i] = 0 < memory.tod - tod[i] <= TOD_PER_DAY // 2
             memory.tod = int(tod[i])
     return duplicate, backwards
+
+
+def _distinct(sensor: IntArray) -> IntArray:
+    return sensor[:1] if (sensor == sensor[0]).all() else np.unique(sensor)
 
 
 def _is_orderly(memory: Memory, idx: IntArray, tod: IntArray) -> bool:

@@ -7,6 +7,7 @@ answers don't depend on how the input was cut into windows.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from maritrack.types import IntArray
 
 CAT240 = 0xF0
 HEADER = 3
+HEAD = struct.Struct(">BH")
 LOOKAHEAD = 11 * 65_536  # a block, the hops over other categories after it, and the header where they land
 HOPS = 8
 MANY_BLOCKS = 64  # from which on it pays to look at them all at once
@@ -78,24 +80,23 @@ def chain(w: Window, at: int, most: int) -> IntArray:
 
     At most `most` blocks. Without a block the answer is `[at]`.
     """
-    data = w.data
     even = _even_blocks(w, at, most) if most >= MANY_BLOCKS else 0
     first, at = at, at + even * w.length(at)
     starts = [at]
-    append = starts.append
+    data, append, unpack_from = w.data, starts.append, HEAD.unpack_from
     try:
         for _ in range(most - even):
-            length = data[at + 1] << 8 | data[at + 2]
-            if data[at] != CAT240 or length < HEADER:
+            category, length = unpack_from(data, at)
+            if category != CAT240:
                 break
             at += length
             append(at)
-    except IndexError:  # the end of the data: cheaper than to ask each time
+    except struct.error:  # the end of the data: cheaper than to ask each time
         pass
-    if starts[-1] > len(data):
-        starts.pop()
-    rest = np.array(starts, dtype=np.int64)
-    return np.concatenate([np.arange(first, starts[0], w.length(first)), rest]) if even else rest
+    places = np.fromiter(starts, dtype=np.int64, count=len(starts))
+    sound = (np.diff(places) >= HEADER) & (places[1:] <= len(data))
+    places = places if sound.all() else places[: 1 + int(np.argmin(sound))]
+    return np.concatenate([np.arange(first, places[0], w.length(first)), places]) if even else places
 
 
 def _even_blocks(w: Window, at: int, most: int) -> int:

@@ -24,13 +24,13 @@ def stream(kind):
         one = bomb(0, 2**24 - 1)
         return (one for _ in range(20))
     if kind == "wide radials":
-        return (block(packed_video(i, bytes(524_288))) for i in range(500))
+        return (block(packed_video(i, bytes(524_288))) for i in range(200))
     if kind == "one wide radial among narrow ones":
-        return (block(packed_video(i, bytes(500_000 if i % 100 == 0 else 10))) for i in range(20_000))
+        return (block(packed_video(i, bytes(500_000 if i % 100 == 0 else 10))) for i in range(8_000))
     if kind == "blocks of nothing":
         return (b"\\xf0\\0\\4\\0" * 100_000 for _ in range(2))
     if kind == "other categories":
-        return (b"\\x30\\0\\3" * 500_000 for _ in range(2))
+        return (b"\\x30\\0\\3" * 400_000 for _ in range(1))
     if kind == "octets":
         return (bytes(range(256)) * 4000 for _ in range(60))
     if kind == "one octet at a time":
