@@ -20,6 +20,7 @@ from maritrack.types import FloatArray, IntArray
 MIN_MISSED = 1e-12  # least W_t0: with P_D P_G r = 1 a track without measurement would void every event
 SMALL_COLS = ((1, 3), (4, 6))  # groups whose shorter side is within a range are solved together ...
 SMALL_ROWS = 12  # ... if the longer one is not above this
+MAX_ORDERED = 200  # rows of a group whose best order is searched for
 SAFE_LOG = 600.0  # sums of offsets up to this stay within a double without `potentials`
 
 
@@ -192,7 +193,10 @@ def _solve_small(place: tuple[IntArray, IntArray, IntArray], log_psi: FloatArray
 
 def _solve_large(row: IntArray, col: IntArray, log_psi: FloatArray, limit: int) -> FloatArray | None:
     """One group, None if too many columns are open at a time for an exact answer."""
-    table = np.full((int(row.max()) + 1, int(col.max()) + 1), -np.inf)
+    n_rows, n_cols = int(row.max()) + 1, int(col.max()) + 1  # rows are the longer side
+    if n_rows > MAX_ORDERED and n_cols > limit:
+        return None  # the search for an order would cost more than it is worth
+    table = np.full((n_rows, n_cols), -np.inf)
     table[row, col] = log_psi
-    order, widest = row_order(table)
+    order, widest = row_order(table) if n_rows <= MAX_ORDERED else (np.argsort(table.max(axis=1)), n_cols)
     return frontier(table, order)[row, col] if widest <= limit else None

@@ -17,6 +17,7 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 
 LOOPY_TOLERANCE = 1e-8  # largest change of a log message at which loopy() stops
 LOOPY_ITERATIONS = 1000
+LOOPY_WORK = 20_000_000  # pairs times iterations
 
 
 def potentials(log_psi: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -182,56 +183,61 @@ def loopy(row: IntArray, col: IntArray, log_psi: FloatArray) -> FloatArray:
     """Approximate pair probabilities (k,) of a pair list by belief propagation (Williams & Lau 2014).
 
     In the log domain, and each sum over the others is formed from them and not by taking the own
-    term off, which would cancel. Exact without cycles; the iteration always converges.
+    term off, which would cancel. Exact without cycles; the iteration always converges. Memory is that
+    of the pairs; a crowd of pairs gets fewer iterations, so that time is bounded as well.
     """
-    by_row, by_col = _padded(row), _padded(col)
-    weight = np.append(log_psi, -np.inf)  # the last one fills the gaps of the padded lists
-    mu, nu = np.full_like(weight, -np.inf), np.zeros_like(weight)
-    for _ in range(LOOPY_ITERATIONS):
-        mu[by_row] = weight[by_row] - _log_one_plus_others((weight + nu)[by_row])
-        mu[-1] = -np.inf
-        changed = np.zeros_like(nu)
-        changed[by_col] = -_log_one_plus_others(mu[by_col])
-        changed[-1] = 0.0
-        step = np.max(np.abs(changed - nu))
+    by_row, by_col = _Segments.of(row), _Segments.of(col)
+    nu = np.zeros(len(log_psi))
+    for _ in range(max(20, min(LOOPY_ITERATIONS, LOOPY_WORK // max(len(row), 1)))):
+        mu = log_psi - _log_one_plus_others(log_psi + nu, by_row)
+        changed = -_log_one_plus_others(mu, by_col)
+        step = np.max(np.abs(changed - nu), initial=0.0)
         nu = changed
         if step < LOOPY_TOLERANCE:
             break
-    message = weight + nu
-    total = np.zeros_like(message)
-    total[by_row] = np.logaddexp.reduce(message[by_row], axis=1, initial=0.0)[:, None]
-    return np.asarray(np.exp(message - total)[:-1], dtype=np.float64)
+    message = log_psi + nu
+    scale, _, total = _scaled_sum(message, by_row)
+    return np.asarray(np.exp(message - (np.log(total) + scale)[by_row.node]), dtype=np.float64)
 
 
-def _padded(node: IntArray) -> IntArray:
-    """Pairs of each node that has any, (nodes, most pairs of a node), filled up with len(node)."""
-    order = np.argsort(node, kind="stable")
-    _, start, count = np.unique(node[order], return_index=True, return_counts=True)
-    lists = np.full((len(start), count.max()), len(node), dtype=np.int64)
-    place = np.arange(len(node)) - np.repeat(start, count)
-    lists[np.repeat(np.arange(len(start)), count), place] = order
-    return lists
+@dataclass(frozen=True, slots=True, eq=False)
+class _Segments:
+    """Pairs gathered by a node that they share."""
+
+    order: IntArray  # (k,) pairs, node by node
+    start: IntArray  # (n,) of each node in the order
+    node: IntArray  # (k,) number of each pair's node
+
+    @classmethod
+    def of(cls, node: IntArray) -> _Segments:
+        order = np.argsort(node, kind="stable")
+        _, start, number = np.unique(node[order], return_index=True, return_inverse=True)
+        back = np.empty(len(node), dtype=np.int64)
+        back[order] = number.reshape(-1)
+        return cls(order, start, back)
 
 
-def _log_one_plus_others(x: FloatArray) -> FloatArray:
-    """log(1 + sum of exp over the other entries of the row), for each entry of (n, d).
+def _log_one_plus_others(x: FloatArray, by: _Segments) -> FloatArray:
+    """log(1 + sum of exp over the other pairs of the node), for each pair (k,).
 
-    What is left after taking an entry off the sum is at least as large as the entry, unless that
+    What is left after taking a pair off the sum is at least as large as the pair, unless that
     is the largest one: nothing cancels if that one gets a sum of its own.
     """
-    rows, largest = np.arange(len(x)), np.argmax(x, axis=1)
-    scale, terms, total = _scaled_sum(x)
+    scale, terms, total = _scaled_sum(x, by)
+    top = np.flatnonzero(x >= np.maximum.reduceat(x[by.order], by.start)[by.node])
+    _, first = np.unique(by.node[top], return_index=True)
+    largest = top[first]  # one of each node, by node
     second = x.copy()
-    second[rows, largest] = -np.inf
-    terms[rows, largest] = 0.0
-    logs = np.log(total[:, None] - terms) + scale[:, None]
-    scale, _, total = _scaled_sum(second)
-    logs[rows, largest] = np.log(total) + scale
+    second[largest] = -np.inf
+    terms[largest] = 0.0
+    logs = np.log(total[by.node] - terms) + scale[by.node]
+    scale, _, total = _scaled_sum(second, by)
+    logs[largest] = np.log(total) + scale
     return np.asarray(logs, dtype=np.float64)
 
 
-def _scaled_sum(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log scale (n,), terms exp(x - scale) (n, d) and their sum with exp(-scale) (n,), which is 1 or more."""
-    scale = np.maximum(x.max(axis=1), 0.0)
-    terms = np.exp(x - scale[:, None])
-    return scale, terms, terms.sum(axis=1) + np.exp(-scale)
+def _scaled_sum(x: FloatArray, by: _Segments) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log scale (n,) of each node, terms exp(x - scale) (k,) and their sum with exp(-scale) (n,), 1 or more."""
+    scale = np.maximum(np.maximum.reduceat(x[by.order], by.start), 0.0)
+    terms = np.exp(x - scale[by.node])
+    return scale, terms, np.add.reduceat(terms[by.order], by.start) + np.exp(-scale)

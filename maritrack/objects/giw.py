@@ -19,6 +19,7 @@ from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE4 = np.eye(4)
 BLOCK = 500_000  # pairs of an object and a cluster looked at together
+CROWD = 512  # clusters near an object that the exact gate is asked about
 NEAREST = 64  # clusters an object may choose from
 
 
@@ -118,19 +119,24 @@ def _gate_block(
     spread = P[:, 0, 0] + P[:, 1, 1] + model.rho * (X[:, 0, 0] + X[:, 1, 1])
     slack = np.abs(dt) * np.sqrt(P[:, 2, 2] + P[:, 3, 3])[:, None]
     bound = (np.sqrt(spread[:, None] + (R[:, 0, 0] + R[:, 1, 1])[None]) + slack + model.centroid_sigma_m * 2) ** 2
-    i, j = np.nonzero((offset[..., 0] ** 2 + offset[..., 1] ** 2) <= limit * bound)
+    share = (offset[..., 0] ** 2 + offset[..., 1] ** 2) / (limit * bound)  # beyond 1 it can't be in the gate
+    near, cut = share <= 1.0, 0
+    if near.sum(axis=1).max(initial=0) > CROWD:  # the exact gate would be asked too often
+        among = share <= np.partition(share, CROWD, axis=1)[:, CROWD, None]
+        cut = int((near & ~among).sum())
+        near &= among
+    i, j = np.nonzero(near)
     dt_s, nu = dt[i, j], offset[i, j]
     S = predicted_centroid(d, i + begin, dt_s) + model.rho * X[i] + R[j] + model.centroid_sigma_m**2 * np.eye(2)
     distance = matrix2.form(matrix2.inverse(S), nu)
     inside = distance <= limit
     i, j, dt_s, distance = i[inside], j[inside], dt_s[inside], distance[inside]
-    cut = 0
     if len(i) and np.bincount(i).max() > NEAREST:
         order = np.lexsort((distance, i))
         first = np.searchsorted(i[order], i[order])
-        near = np.sort(order[np.arange(len(order)) - first < NEAREST])
-        cut = len(i) - len(near)
-        i, j, dt_s = i[near], j[near], dt_s[near]
+        kept = np.sort(order[np.arange(len(order)) - first < NEAREST])
+        cut += len(i) - len(kept)
+        i, j, dt_s = i[kept], j[kept], dt_s[kept]
     return i + begin, j, dt_s, cut
 
 
