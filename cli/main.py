@@ -10,7 +10,6 @@ import os
 import sys
 import tempfile
 import traceback
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -106,8 +105,12 @@ def main() -> None:
         print(f"error: {place}{error.strerror or error}", file=sys.stderr)
         sys.exit(2)
     except Exception as error:  # a bug: keep its traceback, tell in one line
-        log = Path(tempfile.gettempdir()) / "maritrack.log"
-        log.write_text(traceback.format_exc(), "utf-8")
         print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
-        print(f"hint: this is a bug in maritrack; the traceback is in {log}", file=sys.stderr)
+        try:
+            descriptor, log = tempfile.mkstemp(prefix="maritrack-", suffix=".log")
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                file.write(traceback.format_exc())
+            print(f"hint: this is a bug in maritrack; the traceback is in {log}", file=sys.stderr)
+        except OSError:
+            traceback.print_exc()
         sys.exit(EXIT_BUG)

@@ -78,14 +78,18 @@ def process(
         name=inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap, strict=strict, force=force,
     )  # fmt: skip
     render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
-    with render.progress(quiet=quiet, total_octets=sum(o.size for o in octets)) as tick:
+    scans = settings.input.limit
+    with render.progress(quiet=quiet, total_octets=sum(o.size for o in octets), total_scans=scans) as tick:
         summary, reused = execute(job, progress=tick)
     if reused:
         render.note("an equal run is here already (--force runs it again)", quiet=quiet)
     render.emit_json(summary) if json_ else render.summary(summary)
     if view and "rrd" in summary["outputs"]:
         render.view(Path(summary["outputs"]["rrd"]))
+    if "truth" in side and not summary["metrics"].get("n_truth"):
+        render.note("warning: the truth covers no scan: another day or another place?", quiet=quiet)
     if summary.get("interrupted"):
+        render.note(f"interrupted after {summary['counts']['scans']} scans")
         raise typer.Exit(130)
 
 
@@ -106,6 +110,8 @@ def overrides(
     if position:
         try:
             given["lat_deg"], given["lon_deg"] = (float(part) for part in position.split(","))
+            if not (abs(given["lat_deg"]) <= 90 and abs(given["lon_deg"]) <= 180):
+                raise ValueError
         except ValueError:
             raise UsageError(f"--position '{position}': write LAT,LON in degrees, as in 50.73,-1.08") from None
     if given:

@@ -80,7 +80,7 @@ def progress(*, quiet: bool, total_octets: int = 0, total_scans: int = 0) -> Ite
             return
         state["drawn"] = now
         spent = now - begun
-        done, total = (state["octets"], total_octets) if total_octets > 0 else (state["scans"], total_scans)
+        done, total = (state["scans"], total_scans) if total_scans > 0 else (state["octets"], total_octets)
         share = min(done / total, 1.0) if total > 0 else 0.0
         left = f"  {share:4.0%}  {spent * (1 - share) / share:.0f} s left" if share > 0.01 else ""
         text = (
@@ -129,8 +129,12 @@ def summary(document: Mapping[str, Any]) -> None:
 
 def scores(document: Mapping[str, Any], *, objects: bool) -> None:
     """Metrics, and how each object of the truth was held."""
-    rows = [(name, number(value)) for name, value in sorted(document["metrics"].items())]
-    table("mean per scan", ("metric", "value"), [row for row in rows if row[1] != "-"])
+    limits: Mapping[str, Any] = document.get("score", {})
+    said = f" (c = {limits['c_m']:g} m, p = {limits['p']:g})" if limits else ""
+    unit = {"gospa": " [m]", "ospa": " [m]", "ospa_localisation": " [m]", "ospa_cardinality": " [m]"}
+    unit |= {"gospa_localisation": " [m^p]"}
+    rows = [(name + unit.get(name, ""), number(value)) for name, value in sorted(document["metrics"].items())]
+    table(f"mean per scan{said}", ("metric", "value"), [row for row in rows if row[1] != "-"])
     held = [
         (
             (o.get("name") or o["id"])[:24], str(o["frames"]), f"{o['held'] / max(o['frames'], 1):.0%}",
@@ -138,7 +142,10 @@ def scores(document: Mapping[str, Any], *, objects: bool) -> None:
         )
         for o in document.get("objects", []) if objects
     ]  # fmt: skip
-    table("truth", ("object", "scans", "held", "by one track", "switches"), held)
+    within = f" within {limits['hold_m']:g} m" if limits else ""
+    table(
+        f"truth: share of scans with a track{within}", ("object", "scans", "any", "one and the same", "switches"), held
+    )
 
 
 def view(path: Any) -> None:

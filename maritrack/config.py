@@ -157,6 +157,7 @@ class TrackerConfig:
     moving_speed_mps: float = 0.5
     moving_displacement_m: float = 15.0  # way made good within about the time constant
     moving_lengths: float = 0.0  # ... and so many lengths of the object
+    moving_length_max_m: float = math.inf  # what is longer is a shore
     moving_time_constant_s: float = 30.0
     moving_unsteadiness: float = 0.2  # velocity and velocity made good may differ by this share for that
     moving_hits: int = 0

@@ -77,6 +77,8 @@ def side_documents(
                 documents[name] = path.read_bytes()
             except OSError as error:
                 raise InputError(f"{path}: {error.strerror or error}") from None
+            if name != "sensors" and (kind := sniff(documents[name][:65536], str(path))) in ("cat240", "plots"):
+                raise InputError(f"{path}: a recording ({kind}), no reference positions")
     if sensors is not None:  # it may name sensors by the stems of their files
         documents["names"] = "\n".join(path.stem for path in paths).encode()
     return documents
@@ -86,6 +88,8 @@ def default_preset(kinds: Sequence[str]) -> str:
     """The preset that fits the content."""
     if len(set(kinds)) > 1:
         raise UsageError(f"inputs of different kinds ({', '.join(sorted(set(kinds)))}) in one run")
+    if kinds[0] not in PRESET_OF_KIND:
+        raise InputError("reference positions, not a recording", hint="pass them with --truth")
     return PRESET_OF_KIND[kinds[0]]
 
 

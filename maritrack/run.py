@@ -83,25 +83,28 @@ def run(
     reference: Reference | None = None,
     progress: Progress | None = None,
     extra_damage: Mapping[str, int] | None = None,
+    keep_partial: bool = False,
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
 
     An interruption by the user ends the run after the frame in work and closes the sinks, and the summary says
-    so; any other error aborts them, so that no half run stands under a final name.
+    so (`keep_partial`: aborts them instead); any other error aborts them, so that no half run stands under a
+    final name. Sinks open with the first frame: an input without one leaves nothing behind.
     """
     from maritrack.chain import reported
 
     config = chain.config
     tally = Tally(ScoreSums(), config.score.hold_m)
     tally.damage.update(extra_damage or {})
-    state, interrupted, opened = chain.init(), False, []
+    state, interrupted = chain.init(), False
+    opened: list[Sink] = []
     started = time.process_time()
     try:
         with interruptions() as asked:
-            for sink in sinks:
-                opened.append(sink)
-                sink.open(manifest)
             for frame in with_truth(_timed(frames, tally.timing_ms), reference, chain):
+                for sink in sinks[len(opened) :]:
+                    opened.append(sink)
+                    sink.open(manifest)
                 state, result = process(chain, state, frame)
                 at = time.process_time()
                 for sink in sinks:
@@ -114,8 +117,11 @@ def run(
                     interrupted = True
                     break
         summary = summarise(tally, chain, manifest, time.process_time() - started, interrupted)
-        for sink in sinks:
-            sink.close(summary)
+        for sink in opened:
+            if interrupted and keep_partial:
+                sink.abort()
+            else:
+                sink.close(summary)
     except BaseException:
         for sink in opened:
             sink.abort()
@@ -215,6 +221,7 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "counts": counts,
         "timing": timing | {"total_s": total_s},
         "interrupted": interrupted,
+        "score": {"c_m": chain.config.score.c_m, "p": chain.config.score.p, "hold_m": chain.config.score.hold_m},
     }
     if manifest.origin is not None:
         summary["origin"] = {"lat_deg": manifest.origin.lat_deg, "lon_deg": manifest.origin.lon_deg}

@@ -11,7 +11,7 @@ from typing import Any
 
 from maritrack.chain import build_chain
 from maritrack.config import Config
-from maritrack.errors import UsageError
+from maritrack.errors import InputError, UsageError
 from maritrack.io.source import Octets
 from maritrack.manifest import make_manifest
 from maritrack.recording import Recording, open_recording
@@ -52,12 +52,18 @@ def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, An
         return old, True
     folder.mkdir(parents=True, exist_ok=True)
     with only_one(folder):
+        keep = (folder / SUMMARY).exists()  # of a finished run: an interrupted one doesn't take its place
+        try:
+            summary = run(
+                recording.frames, _chain(job.config, recording), _sinks(job, folder), manifest,
+                reference=recording.reference, progress=progress, extra_damage=recording.damage, keep_partial=keep,
+            )  # fmt: skip
+        except OSError as error:
+            raise InputError(f"{error.filename or folder}: {error.strerror or error}") from error
+        if summary["interrupted"] and keep:
+            summary["outputs"] = {"partial": str(folder)}
+            return summary, False
         unlink(folder, *(name for name, wanted in ((RRD, job.rrd), (MCAP, job.mcap)) if not wanted))
-        unlink(folder, SUMMARY)  # a summary stands for a finished run: none until this one is
-        summary = run(
-            recording.frames, _chain(job.config, recording), _sinks(job, folder), manifest,
-            reference=recording.reference, progress=progress, extra_damage=recording.damage,
-        )  # fmt: skip
         names = [(name, folder / file) for name, file in (("rrd", RRD), ("mcap", MCAP)) if (folder / file).exists()]
         summary["outputs"] = {name: str(path) for name, path in names} | {"summary": str(folder / SUMMARY)}
         write_summary(folder / SUMMARY, summary)

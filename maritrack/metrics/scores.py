@@ -31,7 +31,8 @@ class Hold:
     id: str
     name: str = ""
     frames: int = 0  # in which it was present
-    held: int = 0  # of these, with a track assigned
+    held: int = 0  # of these, with a track within the limit
+    assigned: int = 0  # of these, with a track of its own
     switches: int = 0  # the assigned track was another one than the last time
     breaks: int = 0  # held before, not held now
     track: int = -1  # id of the track that held it last, -1 = none yet
@@ -129,7 +130,7 @@ def hold(
     for row, (j, h) in enumerate(zip(rows.tolist(), before, strict=True)):
         close = tracks.id[cols[D[row] <= hold_m]].tolist()
         near = {**h.near, **{i: h.near.get(i, 0) + 1 for i in close}} if close else h.near
-        seen = replace(h, name=truth.name[j] or h.name, frames=h.frames + 1, near=near)
+        seen = replace(h, name=truth.name[j] or h.name, frames=h.frames + 1, held=h.held + bool(close), near=near)
         if partner[row] < 0:
             objects[h.id] = replace(seen, holding=False, breaks=h.breaks + h.holding)
         else:
@@ -152,7 +153,7 @@ def _partners(relative: FloatArray, stays: BoolArray) -> list[int]:
 def _held(h: Hold, track: int, distance_m: float) -> Hold:
     return replace(
         h,
-        held=h.held + 1,
+        assigned=h.assigned + 1,
         switches=h.switches + (h.track not in {-1, track}),
         track=track,
         holding=True,
@@ -163,7 +164,8 @@ def _held(h: Hold, track: int, distance_m: float) -> Hold:
 
 def summary_objects(sums: ScoreSums) -> list[dict[str, Any]]:
     """One row for each truth object, by id; held_by_one is the share of frames in which one and the same track
-    was within the limit: two objects side by side may share it, while `held` gives each a track of its own.
+    was within the limit, `held` counts those with any. Two objects side by side may share a track; `assigned`
+    counts those with a track of its own.
     """
     return [
         {
@@ -172,11 +174,12 @@ def summary_objects(sums: ScoreSums) -> list[dict[str, Any]]:
             "frames": h.frames,
             "held": h.held,
             "held_share": h.held / h.frames,
+            "assigned": h.assigned,
             "held_by_one": max(h.near.values(), default=0) / h.frames,
             "ids": len(h.by),
             "switches": h.switches,
             "breaks": h.breaks,
-            "rms_m": math.sqrt(h.squared_m2 / h.held) if h.held else math.nan,
+            "rms_m": math.sqrt(h.squared_m2 / h.assigned) if h.assigned else math.nan,
         }
         for h in sorted(sums.objects.values(), key=lambda h: h.id)
     ]

@@ -86,7 +86,8 @@ def birth(clusters: Clusters, model: ModelConfig) -> Giw:
 def centroid_weight(clusters: Clusters, j: IntArray, model: ModelConfig) -> FloatArray:
     """1/n of the centroid's covariance: sum of squared weights, not below 1/centroid_n_max.
 
-    With equal weights it is the paper's 1/n_k.
+    With equal weights and no limit it is the paper's 1/n_k.
+    Deviates: polar-11 the default is centroid_n_max = 20, the preset `radar` has 1; the paper has no limit, 0.
     """
     least = 1.0 / model.centroid_n_max if model.centroid_n_max > 0 else 0.0
     return np.maximum(clusters.weight_sq[j], least)

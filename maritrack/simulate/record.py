@@ -40,7 +40,7 @@ def simulate(
         raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
     truth = truth_path(out)
     partial, partial_truth = (p.with_name(p.name + ".partial") for p in (out, truth))
-    rows = truth_rows(scene, n_scans)
+    rows = truth_rows(scene, n_scans + 1)  # a pass beyond the end, so that truth is known up to it
     octets = 0
     try:
         with partial.open("wb") as file:

@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from maritrack.sinks.view import Box
 
 BACKGROUND = (5, 8, 13)
-MAP_HEIGHT_PX = 260.0
+MAP_HEIGHT_PX = 210.0
 MANY, FEW = ("points", "clusters", "tracks"), ("confirmed", "moving", "truth")
 
 
@@ -43,9 +43,8 @@ def blueprint(layout: Layout) -> rrb.Blueprint:
         *plots,
         _details(layout),
     ]
-    shares = [3.0] * (len(right) - len(plots) - 1) + [2.0] * len(plots) + [3.0]
     return rrb.Blueprint(
-        rrb.Horizontal(_ppi(layout.bounds), rrb.Vertical(*right, row_shares=shares), column_shares=[3, 2]),
+        rrb.Horizontal(_ppi(layout.bounds), rrb.Vertical(*right, row_shares=[1.0] * len(right)), column_shares=[3, 2]),
         rrb.TimePanel(timeline="time", state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),

@@ -60,7 +60,9 @@ class Jipda:
             density=density,
             existence=existence,
             hits=tracks.hits + hit,
-            misses=np.where(hit, 0, np.where(p_detect > 0, tracks.misses + 1, tracks.misses)),
+            misses=np.where(
+                hit, 0, tracks.misses + 1
+            ),  # out of sight as well: a track that nobody sees coasts and ends
             cluster=most_likely(i, j, beta, hit, len(tracks)),
         )
         tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)

@@ -48,6 +48,7 @@ class TrackList:
     misses: IntArray  # (t,) scans in a row without
     confirmed: BoolArray  # (t,)
     lag_m: FloatArray  # (t, 2) position that follows with the time constant of the judgement of motion
+    moving: BoolArray  # (t,) judged to be under way
     settled: FloatArray  # (t,) 0..1, how much of the time constant has passed
     cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
     next_id: int = 1
@@ -67,7 +68,7 @@ def empty() -> TrackList:
     none = np.zeros(0, np.int64)
     return TrackList(
         Giw(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros((0, 2, 2)), np.zeros(0)),
-        none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), np.zeros(0), none,
+        none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), none,
     )  # fmt: skip
 
 
@@ -77,8 +78,8 @@ def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
     return replace(
         tracks, density=Giw(d.x[index], d.P[index], d.X[index], d.alpha[index]), t_ns=tracks.t_ns[index],
         existence=tracks.existence[index], id=tracks.id[index], hits=tracks.hits[index], misses=tracks.misses[index],
-        confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], settled=tracks.settled[index],
-        cluster=tracks.cluster[index],
+        confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], moving=tracks.moving[index],
+        settled=tracks.settled[index], cluster=tracks.cluster[index],
     )  # fmt: skip
 
 
@@ -153,6 +154,7 @@ def start(
         misses=join([tracks.misses, np.zeros(n, np.int64)]),
         confirmed=join([tracks.confirmed, np.zeros(n, bool)]),
         lag_m=join([tracks.lag_m, clusters.mean_m[free]]),
+        moving=join([tracks.moving, np.zeros(n, bool)]),
         settled=join([tracks.settled, np.zeros(n)]),
         cluster=join([tracks.cluster, free]),
         next_id=tracks.next_id + n,
@@ -201,13 +203,14 @@ def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
 
 
 def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackList:
-    """The list with its lagging positions moved on by dt_s (t,)."""
+    """The list with its lagging positions moved on by dt_s (t,), and what moves judged anew."""
     share = -np.expm1(-dt_s / rules.moving_time_constant_s)
-    return replace(
+    followed = replace(
         tracks,
         lag_m=tracks.lag_m + share[:, None] * (tracks.density.x[:, :2] - tracks.lag_m),
         settled=tracks.settled + share * (1.0 - tracks.settled),
     )
+    return replace(followed, moving=moving(followed, rules))
 
 
 def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
@@ -216,8 +219,9 @@ def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
     Way made good is the distance to a position that follows with a time constant: v tau at a steady v, and
     little for an echo that jumps to and fro within its own length. It must exceed a distance and a share of
     the length; more lengths where velocity and velocity made good disagree, as they do on a shore that
-    flickers. Small boats may turn as they like.
+    flickers. Small boats may turn as they like. A track that was moving stays so at half of each limit.
     """
+    ease = np.where(tracks.moving, 0.5, 1.0)
     d = tracks.density
     v, gone = d.x[:, 2:], d.x[:, :2] - tracks.lag_m
     made_good = gone / np.maximum(rules.moving_time_constant_s * tracks.settled, 1e-3)[:, None]
@@ -226,9 +230,10 @@ def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
     length_m = 2.0 * np.sqrt(np.maximum(matrix2.eigen(d.X)[0][:, 0], 0.0))
     lengths = rules.moving_lengths * np.maximum(1.0, unsteady / rules.moving_unsteadiness)
     return np.asarray(
-        (matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > rules.moving_chi2)
-        & (np.hypot(gone[:, 0], gone[:, 1]) > rules.moving_displacement_m + lengths * length_m)
-        & (speed > rules.moving_speed_mps)
+        (matrix2.form(matrix2.inverse(d.P[:, 2:, 2:]), v) > ease * rules.moving_chi2)
+        & (np.hypot(gone[:, 0], gone[:, 1]) > ease * (rules.moving_displacement_m + lengths * length_m))
+        & (speed > ease * rules.moving_speed_mps)
+        & (length_m <= rules.moving_length_max_m)
         & (tracks.hits >= rules.moving_hits)
     )
 
@@ -239,7 +244,7 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
     status = np.where(tracks.confirmed, np.where(tracks.misses >= rules.coast_misses, COASTED, CONFIRMED), TENTATIVE)
     return Tracks(
         id=tracks.id, t_ns=tracks.t_ns, position_m=d.x[:, :2].copy(), velocity_mps=d.x[:, 2:].copy(), cov=d.P,
-        extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=moving(tracks, rules),
+        extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=tracks.moving,
         cluster=tracks.cluster,
     )  # fmt: skip
 

@@ -89,7 +89,7 @@ def test_a_missed_scan_out_of_sight_costs_no_existence() -> None:
     clusters = cluster_points(empty.points, empty, config.cluster, config.input)
     after, _ = tracker.update(state.tracker, empty, empty.points, clusters)
     assert_allclose(after.existence, state.tracker.existence)
-    assert after.misses.tolist() == [0]
+    assert after.misses.tolist() == [1]
 
 
 @pytest.mark.eq("polar-8")

@@ -123,8 +123,8 @@ def test_an_object_is_held_broken_and_switched() -> None:
     frames = [(near, [7]), (near, [7]), (far, [7]), (near, [8]), (near, [7]), (near, [7])]
     (row,) = summary_objects(held(*((truth, tracks_at(*position, ids=ids)) for position, ids in frames)))
     assert row == {
-        "id": "A", "name": "", "frames": 6, "held": 5, "held_share": 5 / 6, "held_by_one": 4 / 6, "ids": 2,
-        "switches": 2, "breaks": 1, "rms_m": 3.0,
+        "id": "A", "name": "", "frames": 6, "held": 5, "assigned": 5, "held_share": 5 / 6, "held_by_one": 4 / 6,
+        "ids": 2, "switches": 2, "breaks": 1, "rms_m": 3.0,
     }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ def tracks(n: int, **changes: object) -> TrackList:
     d = Giw(np.zeros((n, 4)), np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(2), (n, 1, 1)), np.full(n, 4.0))
     base = TrackList(
         d, np.zeros(n, np.int64), np.full(n, 0.9), np.arange(1, n + 1), np.full(n, 9), np.zeros(n, np.int64),
-        np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n), np.full(n, -1), n + 1,
+        np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.full(n, -1), n + 1,
     )  # fmt: skip
     return replace(base, **changes)  # type: ignore[arg-type]
 
