@@ -160,7 +160,7 @@ def test_truth_is_a_document_of_points_with_one_row_a_turn_for_each_object(small
     assert document["origin"] == {"lat_deg": 54.0, "lon_deg": 8.0}
     assert document["sensors"]["7-9"]["east_m"] == 0.0
     one = [row for row in document["truth"] if row["id"] == "one"]
-    assert len(one) == 3
+    assert len(one) == 4  # three turns, and the pass after them
     for row in one:
         since_s = row["time_s"] - 1772409598.0  # 2026-03-01T23:59:58Z
         assert_allclose([row["east_m"], row["north_m"]], [300.0, 400.0 - 10.0 * since_s], atol=2e-3)
