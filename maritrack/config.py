@@ -101,7 +101,7 @@ class ClusterConfig:
     intensity_weighting: bool = True
 
     def __post_init__(self) -> None:
-        _positive("cluster.eps_m", self.eps_m)
+        _require(0 < self.eps_m < math.inf, f"cluster.eps_m = {self.eps_m} must be greater than 0, and finite")
         _require(self.min_points >= 1 and self.min_count >= 1, "cluster: min_points and min_count start at 1")
 
 
@@ -136,6 +136,11 @@ class ModelConfig:
         _positive("model.clutter_density_per_m2", self.clutter_density_per_m2)
         _positive("model.rho", self.rho)
         _require(self.accel_psd_m2ps3 >= 0, "model.accel_psd_m2ps3 must not be negative")
+        _positive("model.extent_time_constant_s", self.extent_time_constant_s)
+        _positive("model.p_gate", self.p_gate)
+        _require(0 < self.min_axis_m < self.max_axis_m, "model: 0 < min_axis_m < max_axis_m")
+        _require(self.alpha_max > 2, "model.alpha_max must be greater than 2")
+        _positive("model.max_speed_mps", self.max_speed_mps)
         _require(self.alpha_birth > 2, "model.alpha_birth must be greater than 2")
 
 
@@ -188,8 +193,8 @@ class ScoreConfig:
     truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
 
     def __post_init__(self) -> None:
-        _positive("score.c_m", self.c_m)
-        _require(self.p >= 1, "score.p must be at least 1")
+        _require(0 < self.c_m < math.inf, f"score.c_m = {self.c_m} must be greater than 0, and finite")
+        _require(1 <= self.p <= 20, "score.p is within 1..20")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ def cluster_statistics(
     n = int(label.max(initial=-1)) + 1
     inside = label >= 0
     at, z = label[inside], points.position_m[inside]
-    raw = points.intensity[inside] if intensity_weighting else np.ones(len(at))
+    raw = np.maximum(points.intensity[inside], 0.0) if intensity_weighting else np.ones(len(at))
     total = _sum(at, raw, n)
     raw = np.where(total[at] > 0, raw, 1.0)  # a cluster of zeros weighs its points equally
     w = raw / np.bincount(at, raw, n)[at]

@@ -45,7 +45,7 @@ def amplitude_threshold(intensity: NDArray[np.unsignedinteger[Any]], fraction: f
     if fraction > 0:
         return max(1.0, fraction * full_scale)
     occupied = np.count_nonzero(intensity)
-    limit = math.floor(0.98 * full_scale)
+    limit = max(1, math.ceil(0.98 * full_scale))
     saturated = np.count_nonzero(intensity >= limit)
     return float(limit) if saturated > SATURATED_SHARE * occupied else max(1.0, math.ceil(0.5 * full_scale))
 

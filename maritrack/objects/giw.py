@@ -19,7 +19,7 @@ from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE4 = np.eye(4)
 BLOCK = 500_000  # pairs of an object and a cluster looked at together
-CROWD = 512  # clusters near an object that the exact gate is asked about
+CROWD = 256  # clusters near an object, on average, from which on all pairs of a block are asked at once
 NEAREST = 64  # clusters an object may choose from
 
 
@@ -122,10 +122,11 @@ def _gate_block(
     bound = (np.sqrt(spread[:, None] + (R[:, 0, 0] + R[:, 1, 1])[None]) + slack + model.centroid_sigma_m * 2) ** 2
     share = (offset[..., 0] ** 2 + offset[..., 1] ** 2) / (limit * bound)  # beyond 1 it can't be in the gate
     near, cut = share <= 1.0, 0
-    if near.sum(axis=1).max(initial=0) > CROWD:  # the exact gate would be asked too often
-        among = share <= np.partition(share, CROWD, axis=1)[:, CROWD, None]
-        cut = int((near & ~among).sum())
-        near &= among
+    if np.count_nonzero(near) > CROWD * len(x):  # asking pair by pair would cost more than asking all
+        of_all = _distance_of_all(offset, dt, P, model.rho * X, R, model.centroid_sigma_m)
+        near &= of_all <= limit
+        nearest = near & (of_all <= np.partition(of_all, NEAREST - 1, axis=1)[:, NEAREST - 1, None])
+        cut, near = int(near.sum() - nearest.sum()), nearest
     i, j = np.nonzero(near)
     dt_s, nu = dt[i, j], offset[i, j]
     S = predicted_centroid(d, i + begin, dt_s) + model.rho * X[i] + R[j] + model.centroid_sigma_m**2 * np.eye(2)
@@ -139,6 +140,20 @@ def _gate_block(
         cut += len(i) - len(kept)
         i, j, dt_s = i[kept], j[kept], dt_s[kept]
     return i + begin, j, dt_s, cut
+
+
+def _distance_of_all(
+    offset: FloatArray, dt: FloatArray, P: FloatArray, spread: FloatArray, R: FloatArray, sigma_m: float
+) -> FloatArray:
+    """Squared Mahalanobis distances (n, c) of all pairs of a block, entry by entry of the 2 x 2 matrices."""
+
+    def entry(a: int, b: int) -> FloatArray:
+        still, cross, fast = P[:, a, b] + spread[:, a, b], P[:, a, b + 2] + P[:, a + 2, b], P[:, a + 2, b + 2]
+        return np.asarray(still[:, None] + dt * cross[:, None] + dt * dt * fast[:, None] + R[None, :, a, b])
+
+    ee, en, nn = entry(0, 0) + sigma_m**2, entry(0, 1), entry(1, 1) + sigma_m**2
+    e, n = offset[..., 0], offset[..., 1]
+    return np.asarray((nn * e * e - 2.0 * en * e * n + ee * n * n) / (ee * nn - en * en))
 
 
 def predicted_centroid(d: Giw, i: IntArray, dt_s: FloatArray) -> FloatArray:
@@ -216,7 +231,7 @@ def clutter_scatter(clusters: Clusters, sensor_m: FloatArray, eps_m: float, radi
         return np.broadcast_to(s2 * np.eye(2), (len(clusters), 2, 2)).copy()
     offset = clusters.mean_m - sensor_m
     r = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
-    u = offset / r[:, None]
+    u = np.where(r[:, None] > 1e-6, offset / r[:, None], [0.0, 1.0])
     along = u[:, :, None] * u[:, None, :]
     across = np.eye(2) - along
     stretch = np.maximum(r / radius_m, 1e-3) ** 2

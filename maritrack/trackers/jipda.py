@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maritrack.associate.marginals import sparse_marginals
+from maritrack.associate.marginals import existence_update, log_missed_weight, sparse_marginals
 from maritrack.cluster.stage import cylinder_radius_m
 from maritrack.config import Config
 from maritrack.objects import giw
@@ -44,7 +44,7 @@ class Jipda:
         """Predict every track to the beam's time, associate, update, start and end tracks."""
         config, model = self.config, self.config.model
         tracks, clock_back = predict(state, scan, points, config)
-        d, lam = tracks.density, tracklist.clutter_at(tracks.clutter, clusters, config)
+        d, lam = tracks.density, tracklist.clutter_at(tracks.clutter.get(scan.sensor.id), clusters, config)
         i, j, dt_s, cut = giw.gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
         pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
         p_detect = self._p_detect(tracks, scan)
@@ -52,7 +52,9 @@ class Jipda:
         beta, beta0, inexact = sparse_marginals(
             i, j, log_w, log_w0, len(tracks), len(clusters), exact_limit=config.tracker.exact_limit
         )
-        existence, given, given0 = condition_on_existence(tracks.existence, p_detect * model.p_gate, i, beta, beta0)
+        existence, given, given0 = existence_update(
+            i, beta, beta0, tracks.existence, p_detect=p_detect, p_gate=model.p_gate
+        )
         density = giw.update(d, clusters, pairs, given, given0, model)
         hit = beta0 < 0.5
         tracks = replace(
@@ -67,8 +69,10 @@ class Jipda:
         )
         tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
         unexplained = np.asarray(1.0 - np.bincount(j, beta, len(clusters)), np.float64)
-        clutter = tracklist.learn_clutter(tracks.clutter, clusters, unexplained, scan, config)
-        tracks = tracklist.manage(replace(tracks, clutter=clutter), config)
+        clutter = tracklist.learn_clutter(tracks.clutter.get(scan.sensor.id), clusters, unexplained, scan, config)
+        if clutter is not None:
+            tracks = replace(tracks, clutter={**tracks.clutter, scan.sensor.id: clutter})
+        tracks = tracklist.manage(tracks, config)
         free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(unexplained > 0.5), config.tracker)
         r0 = tracklist.birth_existence(config, tracklist.clutter_at(clutter, clusters, config)[free])
         tracks = tracklist.start(tracks, clusters, free, self._birth_time(scan, points, clusters, free), r0, config)
@@ -101,7 +105,7 @@ class Jipda:
         with np.errstate(divide="ignore"):  # a track out of sight has weight 0, its log is -inf
             log_detected = np.log(detected)[pairs.i]
         log_w = log_detected + giw.log_centroid(pairs) - np.log(lam)[pairs.j] + shape
-        return log_w, np.log(np.maximum(1.0 - detected * model.p_gate, 1e-12))
+        return log_w, log_missed_weight(tracks.existence, p_detect=p_detect, p_gate=model.p_gate)
 
     def _birth_time(self, scan: Scan, points: Points, clusters: Clusters, free: IntArray) -> IntArray:
         return tracklist.beam_time(scan, points, clusters.mean_m[free])
@@ -127,21 +131,6 @@ def predict(state: TrackList, scan: Scan, points: Points, config: Config) -> tup
 def gate_limit(p_gate: float) -> float:
     """Squared Mahalanobis distance that holds p_gate of a Gaussian of two dimensions."""
     return -2.0 * math.log1p(-p_gate)
-
-
-def condition_on_existence(
-    r: FloatArray, p_seen: FloatArray, i: IntArray, beta: FloatArray, beta0: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Posterior existence (t,), and the weights of pairs (k,) and of a miss (t,) given that the track exists.
-
-    A missed track may still exist; an associated one does.
-    """
-    if_missed = np.divide((1 - p_seen) * r, 1 - p_seen * r, out=np.zeros_like(r), where=1 - p_seen * r > 0)
-    missed = beta0 * if_missed
-    associated = np.bincount(i, beta, len(r))
-    existence = np.clip(associated + missed, 0.0, 1.0)
-    scale = np.divide(1.0, existence, out=np.zeros_like(r), where=existence > 0)
-    return existence, beta * scale[i], missed * scale
 
 
 def most_likely(i: IntArray, j: IntArray, beta: FloatArray, hit: BoolArray, n: int) -> IntArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,7 +33,7 @@ RINGS = 16
 class Clutter:
     """Running density of the clusters that no track explains, in rings about the sensor."""
 
-    density_per_m2: FloatArray  # (b,) 0 rings = no estimate yet
+    density_per_m2: FloatArray  # (b,)
     ring_m: float  # width of a ring; 0 = one ring for all
 
 
@@ -52,7 +53,7 @@ class TrackList:
     settled: FloatArray  # (t,) 0..1, how much of the time constant has passed
     cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
     next_id: int = 1
-    clutter: Clutter = field(default_factory=lambda: Clutter(np.zeros(0), 0.0))
+    clutter: Mapping[str, Clutter] = field(default_factory=dict)  # by sensor
 
     def __len__(self) -> int:
         return len(self.id)
@@ -94,9 +95,10 @@ def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
     video = scan.video
     if video is not None and len(video.azimuth_rad) > 1:
         steps = geo.wrap(np.diff(video.azimuth_rad))
-        unwrapped = np.concatenate([[0.0], np.cumsum(steps)])
+        sense = -1.0 if np.median(steps) < 0 else 1.0  # some antennas turn counter-clockwise
+        unwrapped = np.concatenate([[0.0], np.cumsum(sense * steps)])
         forward = np.maximum.accumulate(unwrapped)  # a repeated or backward spoke doesn't turn time back
-        turned = geo.wrap_positive(azimuth - video.azimuth_rad[0])
+        turned = geo.wrap_positive(sense * (azimuth - video.azimuth_rad[0]))
         since_ns = np.interp(turned, forward, (video.t_ns - video.t_ns[0]).astype(np.float64))
         return np.asarray(video.t_ns[0] + np.rint(since_ns).astype(np.int64))
     duration_ns = scan.t_ns - scan.t_start_ns
@@ -104,7 +106,8 @@ def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
         return np.full(len(position_m), scan.t_ns, np.int64)
     first = int(np.argmin(points.t_ns))
     turned = geo.wrap_positive(azimuth - points.azimuth_rad[first]) / geo.TWO_PI
-    return np.asarray(scan.t_start_ns + np.rint(turned * duration_ns).astype(np.int64))
+    since_ns = np.rint(turned * duration_ns).astype(np.int64) + points.t_ns[first] - scan.t_start_ns
+    return np.asarray(scan.t_start_ns + since_ns % duration_ns)
 
 
 def visible(scan: Scan, position_m: FloatArray, roi_min_m: float, roi_max_m: float) -> BoolArray:
@@ -204,10 +207,12 @@ def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
 
 def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackList:
     """The list with its lagging positions moved on by dt_s (t,), and what moves judged anew."""
-    share = -np.expm1(-dt_s / rules.moving_time_constant_s)
+    tau_s = rules.moving_time_constant_s
+    share, x = -np.expm1(-dt_s / tau_s), tracks.density.x
+    behind = tracks.lag_m - (x[:, :2] - dt_s[:, None] * x[:, 2:])  # of where the track was
     followed = replace(
         tracks,
-        lag_m=tracks.lag_m + share[:, None] * (tracks.density.x[:, :2] - tracks.lag_m),
+        lag_m=x[:, :2] - (tau_s * share)[:, None] * x[:, 2:] + (1.0 - share)[:, None] * behind,
         settled=tracks.settled + share * (1.0 - tracks.settled),
     )
     return replace(followed, moving=moving(followed, rules))
@@ -249,14 +254,16 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
     )  # fmt: skip
 
 
-def clutter_at(clutter: Clutter, clusters: Clusters, config: Config) -> FloatArray:
+def clutter_at(clutter: Clutter | None, clusters: Clusters, config: Config) -> FloatArray:
     """Clutter density (c,) at clusters, per m^2: fixed, or the running estimate of their ring."""
-    if len(clutter.density_per_m2) == 0:
+    if clutter is None:
         return np.full(len(clusters), config.model.clutter_density_per_m2)
     return clutter.density_per_m2[_ring(clutter, clusters)]
 
 
-def learn_clutter(clutter: Clutter, clusters: Clusters, unexplained: FloatArray, scan: Scan, config: Config) -> Clutter:
+def learn_clutter(
+    clutter: Clutter | None, clusters: Clusters, unexplained: FloatArray, scan: Scan, config: Config
+) -> Clutter | None:
     """The estimate with one more scan; `unexplained` (c,) is the share of each cluster that no track took.
 
     A slow mean, 20 scans long, in rings of a sixteenth of the range. Where the range is unknown, one ring of
@@ -280,7 +287,7 @@ def learn_clutter(clutter: Clutter, clusters: Clusters, unexplained: FloatArray,
     now = Clutter(np.zeros(len(area)), ring_m)
     count = np.bincount(_ring(now, clusters), unexplained, len(area))
     density = np.maximum(count, 0.02) / area
-    if len(clutter.density_per_m2) == len(area) and clutter.ring_m == ring_m:
+    if clutter is not None and len(clutter.density_per_m2) == len(area) and clutter.ring_m == ring_m:
         density = 0.95 * clutter.density_per_m2 + 0.05 * density
     return replace(now, density_per_m2=density)
 

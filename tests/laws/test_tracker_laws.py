@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from maritrack import geo
+from maritrack.associate.marginals import existence_update
 from maritrack.chain import build_chain, process
 from maritrack.config import Config, load_config
 from maritrack.trackers import TRACKERS
-from maritrack.trackers.jipda import condition_on_existence, gate_limit
+from maritrack.trackers.jipda import gate_limit
 from maritrack.types import CONFIRMED, Frame, Points, Scan, Sensor, Tracks
 
 CONFIG = load_config(preset="points")
@@ -100,15 +101,15 @@ def test_existence_and_weights_given_existence_are_probabilities(seed: int) -> N
     n, m = 4, 3
     w = rng.dirichlet(np.ones(m + 1), n)
     i = np.repeat(np.arange(n), m)
-    r, given_pairs, given_missed = condition_on_existence(
-        rng.uniform(0, 1, n), np.full(n, 0.9), i, w[:, 1:].ravel(), w[:, 0]
+    r, given_pairs, given_missed = existence_update(
+        i, w[:, 1:].ravel(), w[:, 0], rng.uniform(0, 1, n), p_detect=0.9, p_gate=1.0
     )
     assert ((r >= 0) & (r <= 1)).all()
     assert_allclose(np.bincount(i, given_pairs, n) + given_missed, 1.0)
 
 
 def test_existence_of_a_certain_track_without_gate_loss_is_one() -> None:
-    r, _, _ = condition_on_existence(np.ones(1), np.array([0.9]), np.zeros(1, int), np.array([0.7]), np.array([0.3]))
+    r, _, _ = existence_update(np.zeros(1, int), np.array([0.7]), np.array([0.3]), np.ones(1), p_detect=0.9, p_gate=1.0)
     assert_allclose(r, 1.0)
 
 

@@ -40,7 +40,10 @@ def test_a_receiver_that_limits_hard_gets_full_scale_as_threshold() -> None:
     soft = np.array([[0, 20, 100, 180, 255]], np.uint8)
     hard = np.array([[0, 0, 255, 255, 30]], np.uint8)
     assert amplitude_threshold(soft, 0.0, 255.0) == 128
-    assert amplitude_threshold(hard, 0.0, 255.0) == 249
+    assert amplitude_threshold(hard, 0.0, 255.0) == 250
+    one_bit = np.array([[0, 0, 1, 0, 1]], np.uint8)
+    assert amplitude_threshold(one_bit, 0.0, 1.0) == 1
+    assert amplitude_threshold(2 * one_bit, 0.0, 3.0) == 2
     assert amplitude_threshold(hard, 0.2, 255.0) == pytest.approx(51)
 
 

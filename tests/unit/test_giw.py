@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.stats import wishart
+from scipy.linalg import sqrtm
+from scipy.stats import invwishart, wishart
 
 from maritrack.config import ModelConfig
 from maritrack.objects import giw, matrix2
@@ -218,3 +219,67 @@ def test_no_cluster_and_no_object_are_normal() -> None:
     i, j, _, _ = giw.gate(none, z, np.zeros(0, np.int64), 9.21, EXTENDED)
     assert len(none) == len(i) == len(j) == 0
     assert len(giw.update(none, z, all_pairs(none, z, EXTENDED), np.zeros(0), np.zeros(0), EXTENDED)) == 0
+
+
+def test_the_extent_update_with_unequal_weights_is_its_formula() -> None:
+    rng = np.random.default_rng(12)
+    d = objects(rng, 1, extent=True)
+    z = clusters(rng.normal(0, 30, (1, 2)), spd(rng, 1, 2, 20.0), 7, spd(rng, 1, 2, 900.0))
+    z = replace(z, weight_sq=np.array([0.3]))
+    model = EXTENDED
+    Y = model.rho * d.X[0] + z.noise_m2[0]
+    S = d.P[0][:2, :2] + 0.3 * Y
+    nu = z.mean_m[0] - d.x[0, :2]
+    dof = 7 * (1 - 0.3)
+    to_Z, to_N = sqrtm(d.X[0]) @ np.linalg.inv(sqrtm(Y)), sqrtm(d.X[0]) @ np.linalg.inv(sqrtm(S))
+    expected = d.alpha[0] * d.X[0] + to_N @ np.outer(nu, nu) @ to_N.T + to_Z @ z.scatter_m2[0] @ to_Z.T
+    u = giw.update(d, z, all_pairs(d, z, model), np.ones(1), np.zeros(1), model)
+    assert_allclose(u.X[0], expected / (d.alpha[0] + dof + 1), rtol=1e-9)
+    assert_allclose(u.alpha, d.alpha + dof + 1)
+
+
+def test_the_predictive_ratio_is_the_likelihood_with_the_extent_integrated_out() -> None:
+    """Against an average over inverse Wisharts of the object and of the clutter."""
+    m, n = 6.0, 200_000
+    Z, V1, V0 = np.array([[900.0, 200.0], [200.0, 400.0]]), np.diag([120.0, 40.0]), np.diag([700.0, 300.0])
+    logs = []
+    for V, alpha in ((V1, 9.0), (V0, 4.0)):
+        draws = invwishart.rvs(alpha + 3.0, alpha * V, size=n, random_state=3)
+        logs.append(wishart_log(Z, m, draws))
+    monte_carlo = np.logaddexp.reduce(logs[0]) - np.logaddexp.reduce(logs[1])
+    ours = giw._log_marginal(Z[None], np.array([m]), V1[None], np.array([9.0]))
+    ours = ours - giw._log_marginal(Z[None], np.array([m]), V0[None], np.array([4.0]))
+    assert_allclose(ours[0], monte_carlo, atol=0.05)
+
+
+def wishart_log(Z: np.ndarray, m: float, scales: np.ndarray) -> np.ndarray:
+    """Log of a Wishart density of m degrees of freedom for each scale, up to a constant."""
+    inv = np.linalg.inv(scales)
+    return -0.5 * m * np.log(np.linalg.det(scales)) - 0.5 * np.einsum("nij,ji->n", inv, Z)
+
+
+@pytest.mark.eq("polar-7")
+def test_birth_is_at_rest_at_the_cluster_with_its_spread_less_the_noise() -> None:
+    model = replace(EXTENDED, sigma_velocity_mps=7.0, centroid_sigma_m=3.0)
+    R, scatter = np.array([[[4.0, 1.0], [1.0, 9.0]]]), np.array([[[900.0, 0.0], [0.0, 400.0]]])
+    b = giw.birth(clusters(np.array([[10.0, 20.0]]), R, 10, scatter), model)
+    assert_allclose(b.X[0], (scatter[0] / 10 - R[0]) / model.rho)
+    assert_allclose(b.x[0], [10.0, 20.0, 0.0, 0.0])
+    assert_allclose(b.P[0][:2, :2], 4.0 * ((model.rho * b.X[0] + R[0]) / 10 + 9.0 * np.eye(2)))
+    assert_allclose(b.P[0][2:, 2:], 49.0 * np.eye(2))
+
+
+def test_extents_forget_towards_the_least_certainty_with_their_time_constant() -> None:
+    d = objects(np.random.default_rng(1), 1, extent=True)
+    later = giw.predict(d, np.array([EXTENDED.extent_time_constant_s]), EXTENDED)
+    assert_allclose(later.alpha, 2.0 + (d.alpha - 2.0) * np.exp(-1.0))
+    assert_allclose(later.X, d.X)
+
+
+def test_a_crowd_that_is_nearer_but_outside_the_ellipse_hides_nobody() -> None:
+    P = np.diag([200.0**2, 10.0**2, 1e-6, 1e-6])[None]
+    d = Giw(np.zeros((1, 4)), P, np.zeros((1, 2, 2)), np.full(1, 4.0))
+    beside = np.stack([np.linspace(-20, 20, 700), np.full(700, 90.0)], 1)
+    z = clusters(np.concatenate([beside, [[300.0, 0.0]]]), np.tile(np.eye(2), (701, 1, 1)))
+    i, j, _, cut = giw.gate(d, z, np.zeros(1, np.int64), 9.21, POINT)
+    assert (i.tolist(), j.tolist(), cut) == ([0], [700], 0)

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
+from maritrack.chain import build_chain, process
 from maritrack.config import Config, ModelConfig, TrackerConfig
 from maritrack.detect.cells import empty_points
 from maritrack.objects.giw import Giw
 from maritrack.trackers import tracklist
 from maritrack.trackers.tracklist import TrackList
-from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Points, Scan, Sensor, Video
+from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Frame, Points, Scan, Sensor, Video
 
 RULES = TrackerConfig()
 
@@ -124,3 +125,33 @@ def test_birth_existence_follows_the_birth_density_where_none_is_given() -> None
         model=ModelConfig(p_detect=0.9), tracker=replace(RULES, birth_existence=0.0, birth_density_per_m2=1e-6)
     )
     assert_allclose(tracklist.birth_existence(config, np.array([6.4e-4])), 1.4e-3, rtol=0.01)
+
+
+def test_way_made_good_of_a_steady_mover_does_not_depend_on_the_interval() -> None:
+    """v tau at a steady v, whatever the time between scans."""
+    for dt in (1.0, 10.0, 60.0, 300.0):
+        t = tracks(1)
+        for k in range(1, 400):
+            d = replace(t.density, x=np.array([[5.0 * dt * k, 0, 5.0, 0]]))
+            t = tracklist.follow(replace(t, density=d), np.array([dt]), RULES)
+        assert_allclose(t.density.x[0, 0] - t.lag_m[0, 0], 5.0 * RULES.moving_time_constant_s, rtol=1e-4)
+
+
+def test_beam_time_of_an_antenna_that_turns_the_other_way() -> None:
+    scan = turning_scan(start=0.0)
+    assert scan.video is not None
+    back = replace(scan, video=replace(scan.video, azimuth_rad=(-scan.video.azimuth_rad) % (2 * np.pi)))
+    position = 900.0 * np.array([[np.sin(-1.0), np.cos(-1.0)]])
+    assert_allclose(tracklist.beam_time(back, empty_points(), position), [1.0 / (2 * np.pi) * 3.6e9], rtol=0.01)
+
+
+def test_each_sensor_learns_its_own_clutter() -> None:
+    config = Config(model=ModelConfig(clutter="estimated"))
+    chain = build_chain(config)
+    state = chain.init()
+    for k, (name, reach) in enumerate([("a", 20_000.0), ("b", 8_000.0)] * 3):
+        scan = replace(
+            turning_scan(start=0.0), sensor=Sensor(name, 10.0, 0.017, reach), t_ns=k * 10**9, t_start_ns=k * 10**9
+        )
+        state, _ = process(chain, state, Frame(k, scan))
+    assert {n: c.ring_m for n, c in state.tracker.clutter.items()} == {"a": 1250.0, "b": 500.0}
