@@ -27,7 +27,7 @@ def detect_cells(scan: Scan, config: DetectConfig, *, latency_ns: int = 0) -> Po
     if config.method == "threshold":
         over = video.intensity >= math.ceil(threshold)
     else:
-        over = cfar(video.intensity, config, threshold)
+        over = cfar(video.intensity, config, threshold, cells_used=video.cells_used)
     flat = np.flatnonzero(over)
     width = video.intensity.shape[1]
     intensity = video.intensity.reshape(-1)[flat]
@@ -50,15 +50,28 @@ def amplitude_threshold(intensity: NDArray[np.unsignedinteger[Any]], fraction: f
     return float(limit) if saturated > SATURATED_SHARE * occupied else max(1.0, math.ceil(0.5 * full_scale))
 
 
-def cfar(intensity: NDArray[np.unsignedinteger[Any]], config: DetectConfig, least: float) -> BoolArray:
+def cfar(
+    intensity: NDArray[np.unsignedinteger[Any]],
+    config: DetectConfig,
+    least: float,
+    *,
+    cells_used: IntArray | None = None,
+) -> BoolArray:
     """Cells (a, b) that exceed `cfar_scale` times the clutter level around them along range, and `least`.
 
     Training cells lie `cfar_guard` cells away on both sides, `cfar_window` on each; beyond the ends of a
-    spoke there are none. Level = their mean (ca-cfar) or their `os_rank` quantile (os-cfar).
+    spoke, which has cells_used (a,) cells, there are none. Level = their mean (ca-cfar) or their `os_rank`
+    quantile (os-cfar).
     """
-    amplitude = intensity.astype(np.float64)
+    used = np.full(len(intensity), intensity.shape[1]) if cells_used is None else cells_used
+    over = np.zeros(intensity.shape, np.bool_)
     level = _training_mean if config.method == "ca-cfar" else _training_quantile
-    return np.asarray((amplitude > config.cfar_scale * level(amplitude, config)) & (amplitude >= least))
+    for length in np.unique(used).tolist():  # spokes of one length together: mostly all of them
+        rows = np.flatnonzero(used == length)
+        amplitude = intensity[rows, :length].astype(np.float64)
+        found = (amplitude > config.cfar_scale * level(amplitude, config)) & (amplitude >= least)
+        over[rows, :length] = found
+    return over
 
 
 def _training_mean(amplitude: FloatArray, config: DetectConfig) -> FloatArray:

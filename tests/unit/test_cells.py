@@ -83,3 +83,13 @@ def test_every_resolution_is_detected_at_half_of_its_full_scale(dtype: type, bit
 
 def test_no_spoke_gives_no_point() -> None:
     assert len(detect_cells(scan_of(np.zeros((0, 4), np.uint8)), DetectConfig())) == 0
+
+
+@pytest.mark.parametrize("method", ["ca-cfar", "os-cfar"])
+def test_cfar_of_a_padded_spoke_is_that_of_the_spoke(method: str) -> None:
+    config = DetectConfig(method=method, cfar_window=6, cfar_guard=2, cfar_scale=1.2)  # type: ignore[arg-type]
+    intensity = np.random.default_rng(3).integers(20, 60, (4, 30)).astype(np.uint8)
+    padded = np.zeros((4, 60), np.uint8)
+    padded[:, :30] = intensity
+    found = cfar(padded, config, 3.0, cells_used=np.full(4, 30))
+    assert (found[:, :30] == cfar(intensity, config, 3.0)).all() and not found[:, 30:].any()
