@@ -61,9 +61,9 @@ def process(
 ) -> None:  # fmt: skip
     """Parse, run, render."""
     from maritrack.config import load_config
+    from maritrack.job import Job, execute
     from maritrack.manifest import file_digest
     from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
-    from maritrack.session import Job, execute
 
     octets = open_inputs(inputs)
     kinds = kinds_of(octets)

@@ -47,8 +47,8 @@ def replay(
 ) -> None:
     """Prepare, run, render."""
     from maritrack.errors import UsageError
+    from maritrack.job import execute
     from maritrack.replay import archive_path, prepare, verify_run
-    from maritrack.session import execute
 
     if verify and (tracker or sets or out or view):
         raise UsageError("--verify runs what is archived and writes nothing: no -t, --set, -o or --view with it")

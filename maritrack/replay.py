@@ -15,10 +15,10 @@ from maritrack.errors import InputError, ReplayMismatch, UsageError
 from maritrack.io.archive import Archive, iter_inputs, read_archive
 from maritrack.io.octets import HEAD
 from maritrack.io.source import Octets
+from maritrack.job import MCAP, Job, run_silently
 from maritrack.manifest import code_digest, file_digest, versions
 from maritrack.recording import open_inputs
 from maritrack.run import Progress
-from maritrack.session import MCAP, Job, run_silently
 from maritrack.sinks.mcap import McapSink
 from maritrack.types import Damage, Result, RunManifest
 from maritrack.verify import Verification, verify

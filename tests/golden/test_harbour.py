@@ -9,9 +9,9 @@ import pytest
 
 from maritrack.config import load_config
 from maritrack.diff import diff
+from maritrack.job import Job, execute
 from maritrack.manifest import file_digest
 from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
-from maritrack.session import Job, execute
 from tests.shared import ROOT
 
 GOLDEN = ROOT / "data" / "golden"
