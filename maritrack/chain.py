@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from maritrack.cluster.stage import cluster_points
-from maritrack.config import Config
 from maritrack.detect.cells import detect_cells, empty_points
 from maritrack.errors import ConfigError
 from maritrack.metrics.scores import score_frame
+from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, Tracker
 from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Points, Result, Scan, Tracks, take
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from maritrack.config import Config, build, merge, parse_set
+from maritrack.config import build, merge, parse_set
 from maritrack.errors import InputError, ReplayMismatch, UsageError
 from maritrack.io.archive import Archive, iter_inputs, read_archive
 from maritrack.io.octets import HEAD
@@ -19,6 +19,7 @@ from maritrack.job import MCAP, Job, run_silently
 from maritrack.manifest import code_digest, file_digest, versions
 from maritrack.recording import open_inputs
 from maritrack.run import Progress
+from maritrack.settings import Config
 from maritrack.sinks.mcap import McapSink
 from maritrack.types import Damage, Result, RunManifest
 from maritrack.verify import Verification, verify

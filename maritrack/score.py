@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.chain import Chain, build_chain, reported
-from maritrack.config import Config, ScoreConfig
 from maritrack.errors import InputError, UsageError
 from maritrack.io.archive import Archive, ArchivedScan, iter_results, read_archive
 from maritrack.io.reference import Reference
@@ -18,6 +17,7 @@ from maritrack.metrics.scores import ScoreSums, add, hold, means, score_frame, s
 from maritrack.recording import open_recording
 from maritrack.replay import archived_config, prepare
 from maritrack.run import with_truth
+from maritrack.settings import Config, ScoreConfig
 from maritrack.types import Damage, Frame, Truth
 
 TRUTH_SETTINGS = ("max_gap_moving_s", "max_gap_rest_s", "truth_max_m", "truth_lag_s")  # they change the truth itself

@@ -11,8 +11,8 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types"}
-DENSITY = BASE | {"config", "geo", "objects", "associate"}
+BASE = {"errors", "types", "settings"}
+DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
     "errors": set[str](),
@@ -20,22 +20,23 @@ BELOW = {  # what each part of the package may import besides itself
     "presets": set[str](),
     "scenes": set[str](),
     "geo": BASE,
-    "config": BASE,
-    "objects": BASE | {"config", "geo"},
+    "settings": {"errors"},
+    "config": {"errors", "settings"},
+    "objects": BASE | {"geo"},
     "associate": BASE,
     "cluster": DENSITY,
     "detect": DENSITY,
     "metrics": DENSITY,
     "trackers": DENSITY | {"cluster"},
     "chain": LINE,
-    "io": BASE | {"config", "geo"},  # knows nothing of what is made of the points
-    "sinks": BASE | {"config", "geo", "io"},
+    "io": BASE | {"geo"},  # knows nothing of what is made of the points
+    "sinks": BASE | {"geo", "io"},
     "simulate": BASE | {"config", "geo", "io"},
     "manifest": BASE | {"config"},
-    "recording": BASE | {"config", "geo", "io"},
+    "recording": BASE | {"geo", "io"},
     "diff": BASE | {"io"},
     "verify": BASE | {"io", "diff"},
-    "export": BASE | {"config", "geo", "io"},
+    "export": BASE | {"geo", "io"},
     "run": LINE | {"chain", "io"},
     "job": LINE | {"chain", "io", "manifest", "recording", "run", "sinks"},
     "replay": BASE | {"config", "io", "manifest", "recording", "job", "run", "sinks", "verify"},

@@ -9,7 +9,7 @@ import numpy as np
 from maritrack import geo
 from maritrack.cluster.dbscan import dbscan
 from maritrack.cluster.statistics import cluster_statistics, drop_clusters
-from maritrack.config import ClusterConfig, InputConfig
+from maritrack.settings import ClusterConfig, InputConfig
 from maritrack.types import Clusters, FloatArray, IntArray, Points, Scan
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maritrack.config import DetectConfig
+from maritrack.settings import DetectConfig
 from maritrack.types import BoolArray, FloatArray, IntArray, Points, Scan, Video
 
 SATURATED_SHARE = 0.25  # of the non-zero cells at full scale: a recording that is practically one bit

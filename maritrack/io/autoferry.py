@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.config import InputConfig
 from maritrack.errors import ConfigError, InputError
 from maritrack.io.jsontext import MAX_M, clean, list_of, naming, number_of, parse_json, table_of
 from maritrack.io.matfile import read_mat
@@ -24,6 +23,7 @@ from maritrack.io.pointscan import instant, measured_at, point_sensor, to_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.io.source import Octets
 from maritrack.io.times import MAX_S, seconds_to_ns
+from maritrack.settings import InputConfig
 from maritrack.types import Damage, FloatArray, Frame, Origin
 
 ORIGIN = Origin(63.4389029083, 10.39908278)  # Piren

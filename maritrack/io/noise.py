@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from maritrack.config import InputConfig
 from maritrack.geo import polar_cov_to_en
+from maritrack.settings import InputConfig
 from maritrack.types import BoolArray, FloatArray
 
 

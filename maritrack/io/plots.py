@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError
 from maritrack.io.csvtable import Table, find, numbers, read_table, times_s
 from maritrack.io.jsontext import MAX_M
@@ -25,6 +24,7 @@ from maritrack.io.pointscan import Measured, point_sensor, to_points
 from maritrack.io.pose import PoseTrack
 from maritrack.io.source import Octets
 from maritrack.io.times import day_start_ns, seconds_to_ns, unroll_midnight
+from maritrack.settings import InputConfig
 from maritrack.types import Damage, FloatArray, Frame, IntArray, Origin, Scan, take
 
 AZIMUTH = {"azimuth_rad": 1.0, "azimuth_deg": np.deg2rad(1.0), "bearing_rad": 1.0, "bearing_deg": np.deg2rad(1.0)}

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError
 from maritrack.io.jsontext import MAX_M, clean, list_of, number_of, table_of
 from maritrack.io.noise import plot_cov_to_en, usable_cov
 from maritrack.io.pointscan import Measured, instant, measured_at, point_sensor, to_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.io.times import MAX_S, seconds_to_ns
+from maritrack.settings import InputConfig
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, Scan
 
 FORMAT = "maritrack-points/1"

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError
 from maritrack.io.jsontext import list_of, naming, parse_json, table_of
 from maritrack.io.pieces import Piece, frames_by_time
 from maritrack.io.pointdoc import Header, fixed_origin, header_of, scan_of, truth_of
 from maritrack.io.reference import Reference
 from maritrack.io.source import Octets
+from maritrack.settings import InputConfig
 from maritrack.types import Damage, Frame, Origin
 
 WINDOW = 64

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError
 from maritrack.geo import en_to_polar, polar_to_en, wrap_positive
 from maritrack.io.noise import point_noise, turn_cov
+from maritrack.settings import InputConfig
 from maritrack.types import BoolArray, FloatArray, IntArray, Points, Scan, Sensor, check_lengths, take
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from maritrack.config import InputConfig
 from maritrack.geo import TWO_PI, wrap_positive
 from maritrack.io.pose import PoseTrack
 from maritrack.io.spokes import TURN, Spokes
 from maritrack.io.turns import Turn
+from maritrack.settings import InputConfig
 from maritrack.types import BoolArray, FloatArray, IntArray, Scan, Sensor, Video
 
 HALF_DEGREES = 720

@@ -14,8 +14,9 @@ from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
-from maritrack.config import InputConfig, build
+from maritrack.config import build
 from maritrack.errors import ConfigError
+from maritrack.settings import InputConfig
 
 
 def load_sensors(path: Path, *, base: InputConfig) -> Mapping[str, InputConfig]:

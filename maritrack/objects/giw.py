@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln
 
-from maritrack.config import ModelConfig
 from maritrack.objects import matrix2
+from maritrack.settings import ModelConfig
 from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE4 = np.eye(4)

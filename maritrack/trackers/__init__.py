@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from maritrack.config import Config
+from maritrack.settings import Config
 from maritrack.trackers.jipda import Jipda
 from maritrack.types import Clusters, Points, Scan, Tracks
 

@@ -41,7 +41,7 @@ def test_an_archive_of_another_run_does_not_verify(finished_run: Path, run: Path
 
 
 def test_the_first_difference_is_told_in_one_line(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from maritrack.config import Config
+    from maritrack.settings import Config
     from maritrack.trackers import TRACKERS, jipda
 
     def nervous(config: Config) -> jipda.Jipda:

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from maritrack.config import InputConfig
 from maritrack.errors import ConfigError, InputError
 from maritrack.io import cat240_source
 from maritrack.io.cat240 import file_chunks
@@ -20,6 +19,7 @@ from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.pose import PoseTrack
 from maritrack.io.radials import Batch, Radials
 from maritrack.io.source import Octets, Source
+from maritrack.settings import InputConfig
 from maritrack.types import Frame, Origin
 from tests.io.spins import OCTETS, batches, octets, spin
 from tests.shared import shared

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.config import InputConfig
 from maritrack.errors import ConfigError, UsageError
 from maritrack.io.fuse import merge_sources
 from maritrack.io.sensors import for_input, load_sensors, parse_sensors
+from maritrack.settings import InputConfig
 from maritrack.types import Frame, Origin, Scan, Sensor
 
 

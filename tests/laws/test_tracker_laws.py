@@ -13,7 +13,8 @@ from numpy.testing import assert_allclose
 from maritrack import geo
 from maritrack.associate.marginals import existence_update
 from maritrack.chain import build_chain, process
-from maritrack.config import Config, load_config
+from maritrack.config import load_config
+from maritrack.settings import Config
 from maritrack.trackers import TRACKERS
 from maritrack.trackers.jipda import gate_limit
 from maritrack.types import CONFIRMED, Frame, Points, Scan, Sensor, Tracks

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from maritrack.config import InputConfig
 from maritrack.errors import ConfigError, InputError
 from maritrack.io.autoferry import ORIGIN, AutoferrySource, autoferry_truth
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.reference import truth_at
+from maritrack.settings import InputConfig
 from tests.shared import ROOT, shared
 
 RADAR = InputConfig(sensor="radar")

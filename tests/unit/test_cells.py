@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from maritrack.config import DetectConfig
 from maritrack.detect.cells import amplitude_threshold, cfar, detect_cells
+from maritrack.settings import DetectConfig
 from maritrack.types import Scan, Sensor, Video
 
 

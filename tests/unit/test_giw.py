@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from scipy.linalg import sqrtm
 from scipy.stats import invwishart, wishart
 
-from maritrack.config import ModelConfig
 from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
+from maritrack.settings import ModelConfig
 from maritrack.types import Clusters
 
 EXACT = 1e-9

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.config import InputConfig
 from maritrack.geo import polar_to_en
 from maritrack.io.noise import en_cov_to_plot, plot_cov_to_en, point_noise, turn_cov, usable_cov
+from maritrack.settings import InputConfig
 
 angles = st.floats(0.0, 6.28)
 

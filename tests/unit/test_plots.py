@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError
 from maritrack.geo import polar_to_en
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.plots import PlotSource
 from maritrack.io.plotturns import ASSUMED_S, group_turns, turn_period_s
 from maritrack.io.pose import PoseTrack
+from maritrack.settings import InputConfig
 from maritrack.types import Origin
 from tests.shared import shared
 

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.config import InputConfig
 from maritrack.errors import InputError, UsageError
 from maritrack.geo import en_to_polar
 from maritrack.io.octets import octets_from_bytes
@@ -19,6 +18,7 @@ from maritrack.io.pointjson import PointSource, point_truth, split_lines
 from maritrack.io.pointwriter import write_points
 from maritrack.io.reference import Reports, build_reference
 from maritrack.io.source import Octets
+from maritrack.settings import InputConfig
 from maritrack.types import Origin, Points, Scan, Sensor
 
 S = 1_000_000_000

@@ -15,8 +15,8 @@ from maritrack import geo
 from maritrack.associate.marginals import sparse_marginals
 from maritrack.cluster.stage import cylinder_radius_m, labels
 from maritrack.cluster.statistics import cluster_statistics
-from maritrack.config import ClusterConfig, Config, ModelConfig, TrackerConfig
 from maritrack.objects import giw
+from maritrack.settings import ClusterConfig, Config, ModelConfig, TrackerConfig
 from maritrack.trackers import jipda
 from maritrack.types import Clusters, FloatArray, Points, Scan, Sensor
 

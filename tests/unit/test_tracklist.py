@@ -8,9 +8,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from maritrack.chain import build_chain, process
-from maritrack.config import Config, ModelConfig, TrackerConfig
 from maritrack.detect.cells import empty_points
 from maritrack.objects.giw import Giw
+from maritrack.settings import Config, ModelConfig, TrackerConfig
 from maritrack.trackers import tracklist
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Frame, Points, Scan, Sensor, Video

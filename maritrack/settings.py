@@ -1,0 +1,217 @@
+"""Every setting of a run: frozen dataclasses nested like the line of data. `maritrack.config` loads them.
+
+A number that no paper gives carries `# assumed: why` in its preset.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from maritrack.errors import ConfigError
+
+NAN = math.nan
+
+
+def _require(ok: bool, message: str) -> None:
+    if not ok:
+        raise ConfigError(message)
+
+
+def _in_unit(name: str, value: float) -> None:
+    _require(0.0 <= value <= 1.0, f"{name} = {value} is not within 0..1")
+
+
+def _positive(name: str, value: float) -> None:
+    _require(value > 0.0, f"{name} = {value} must be greater than 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputConfig:
+    """Where the sensor is and how its numbers are to be read."""
+
+    sensor: str = ""  # which of several: "7-42" (SAC-SIC), "radar", "lidar"; "" = all (Autoferry: radar)
+    stream: str = ""  # of a capture: ADDRESS, ADDRESS:PORT or :PORT of either end; "" = all that hold CAT240
+    date: str = ""  # ISO day of recordings that tell the time of day only
+    lat_deg: float = NAN  # of a fixed radar
+    lon_deg: float = NAN
+    stabilised: Literal["north", "head"] = "north"
+    azimuth_edge: Literal["start", "centre", "end"] = "centre"  # the edge that the azimuth means
+    azimuth_offset_deg: float = 0.0  # added to every azimuth
+    range_offset_m: float = 0.0  # added to every range
+    latency_s: float = 0.0  # points are older than their stamp by this
+    roi_max_m: float = math.inf  # region of interest, range from the sensor
+    roi_min_m: float = 0.0
+    beam_width_deg: float = 0.0  # antenna, for the noise of a cluster; 0 = unknown, the cell counts
+    pulse_length_m: float = 0.0  # c T/2; 0 = unknown, the cell counts
+    sigma_range_m: float = 0.0  # noise of a point; 0 = from cell, beam and pulse
+    sigma_azimuth_deg: float = 0.0
+    sigma_m: float = 0.0  # least noise of a point in any direction
+    from_s: float = 0.0  # begin so many seconds after the first scan
+    to_s: float = math.inf  # end so many seconds after the first scan
+    limit: int = 0  # at most so many scans; 0 = all
+
+    def __post_init__(self) -> None:
+        _require(0 <= self.from_s < self.to_s, "input.from_s must be less than input.to_s")
+        _require(self.limit >= 0, "input.limit must not be negative")
+        _require(self.roi_min_m < self.roi_max_m, "input.roi_min_m must be less than input.roi_max_m")
+        _require(-90 <= self.lat_deg <= 90 or math.isnan(self.lat_deg), f"input.lat_deg = {self.lat_deg}")
+        _require(-180 <= self.lon_deg <= 180 or math.isnan(self.lon_deg), f"input.lon_deg = {self.lon_deg}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectConfig:
+    """Video to points."""
+
+    method: Literal["threshold", "ca-cfar", "os-cfar"] = "threshold"
+    threshold: float = 0.5  # of the full scale of a cell; CFAR: least amplitude as well
+    cfar_window: int = 16  # training cells on each side, along range
+    cfar_guard: int = 4  # guard cells on each side
+    cfar_scale: float = 3.0  # times the clutter level
+    os_rank: float = 0.75  # quantile of the training cells
+    max_points: int = 200_000  # a scan: the threshold rises for a scan that has more
+
+    def __post_init__(self) -> None:
+        _in_unit("detect.threshold", self.threshold)
+        _in_unit("detect.os_rank", self.os_rank)
+        _require(self.cfar_window > 0 and self.cfar_guard >= 0, "detect: cfar_window > 0 and cfar_guard >= 0")
+        _positive("detect.cfar_scale", self.cfar_scale)
+        _require(self.max_points > 0, "detect.max_points must be greater than 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterConfig:
+    """Points to clusters."""
+
+    method: Literal["polar-dbscan", "cartesian-dbscan", "singletons"] = "polar-dbscan"
+    eps_m: float = 55.0  # polar, sec. III
+    eps_cells: float = 0.0  # at least this many range cells; 0 = eps_m alone
+    min_points: int = 3  # polar, sec. III
+    min_count: int = 1  # clusters of fewer cells are dropped
+    max_extent_m: float = math.inf  # clusters longer than this are land or arcs: dropped
+    intensity_weighting: bool = True
+
+    def __post_init__(self) -> None:
+        _require(0 < self.eps_m < math.inf, f"cluster.eps_m = {self.eps_m} must be greater than 0, and finite")
+        _require(self.min_points >= 1 and self.min_count >= 1, "cluster: min_points and min_count start at 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """What trackers share: detection, clutter, motion, extent."""
+
+    extent: Literal["random-matrix", "point"] = "random-matrix"
+    p_detect: float = 0.8  # polar, sec. II
+    p_survive: float = 0.99  # per second
+    p_gate: float = 0.99
+    clutter_density_per_m2: float = 1e-4  # clusters per m^2 and scan; polar, sec. II
+    clutter: Literal["fixed", "estimated"] = "fixed"
+    accel_psd_m2ps3: float = 0.1  # q of the constant-velocity model
+    sigma_velocity_mps: float = 10.0  # of a new track, each axis
+    max_speed_mps: float = 40.0  # a track that is faster is dropped
+    rho: float = 0.25  # scatter of a point = rho X + R
+    extent_time_constant_s: float = 30.0
+    alpha_birth: float = 4.0
+    alpha_max: float = 60.0
+    shape: Literal["predictive", "plugin", "none"] = "predictive"
+    shape_n_max: int = 10  # 0 = no limit, the paper's reading
+    centroid_n_max: int = 20  # points that share in the centroid's noise; 0 = no limit
+    centroid_sigma_m: float = 0.0  # bias of a centroid that no averaging removes
+    min_axis_m: float = 2.0
+    max_axis_m: float = 250.0
+
+    def __post_init__(self) -> None:
+        for name in ("p_detect", "p_survive", "p_gate"):
+            _in_unit(f"model.{name}", getattr(self, name))
+        _require(self.p_gate < 1.0, "model.p_gate must be less than 1")
+        _positive("model.clutter_density_per_m2", self.clutter_density_per_m2)
+        _positive("model.rho", self.rho)
+        _require(self.accel_psd_m2ps3 >= 0, "model.accel_psd_m2ps3 must not be negative")
+        _positive("model.extent_time_constant_s", self.extent_time_constant_s)
+        _positive("model.p_gate", self.p_gate)
+        _require(0 < self.min_axis_m < self.max_axis_m, "model: 0 < min_axis_m < max_axis_m")
+        _require(self.alpha_max > 2, "model.alpha_max must be greater than 2")
+        _positive("model.max_speed_mps", self.max_speed_mps)
+        _require(self.alpha_birth > 2, "model.alpha_birth must be greater than 2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerConfig:
+    """Start, confirm, judge and end tracks."""
+
+    birth_existence: float = 0.6  # polar, sec. II; 0 = P_D b / (lambda + P_D b)
+    birth_density_per_m2: float = 1e-6
+    confirm_existence: float = 0.99
+    confirm_hits: int = 3  # scans with an association weight above one half
+    delete_existence: float = 0.05
+    delete_misses: int = 10  # in a row
+    delete_sigma_m: float = 500.0  # position less certain than this
+    coast_misses: int = 1  # misses in a row after which a confirmed track is called coasted
+    duplicate_distance_m: float = 0.0  # tracks nearer than this ...
+    duplicate_speed_mps: float = 2.0  # ... and in velocity than this are one; 0 m = none
+    moving_chi2: float = 9.0  # v' P^-1 v
+    moving_speed_mps: float = 0.5
+    moving_displacement_m: float = 15.0  # way made good within about the time constant
+    moving_lengths: float = 0.0  # ... and so many lengths of the object
+    moving_length_max_m: float = math.inf  # what is longer is a shore
+    moving_time_constant_s: float = 30.0
+    moving_unsteadiness: float = 0.2  # velocity and velocity made good may differ by this share for that
+    moving_hits: int = 0
+    max_tracks: int = 5000  # no new ones beyond
+    exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
+
+    def __post_init__(self) -> None:
+        for name in ("birth_existence", "confirm_existence", "delete_existence"):
+            _in_unit(f"tracker.{name}", getattr(self, name))
+        _positive("tracker.moving_unsteadiness", self.moving_unsteadiness)
+        _positive("tracker.moving_time_constant_s", self.moving_time_constant_s)
+        _require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
+        _require(self.max_tracks >= 1, "tracker.max_tracks starts at 1")
+        _require(1 <= self.exact_limit <= 16, "tracker.exact_limit is within 1..16")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreConfig:
+    """Metrics, and what counts as truth."""
+
+    c_m: float = 100.0
+    p: float = 2.0
+    hold_m: float = 100.0  # a truth object is held by a track within this
+    moving_only: bool = False
+    max_gap_moving_s: float = 30.0  # truth is interpolated over gaps up to this under way ...
+    max_gap_rest_s: float = 360.0  # ... and this at rest
+    truth_max_m: float = 0.0  # truth counts up to this range; 0 = that of the radar
+    truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
+
+    def __post_init__(self) -> None:
+        _require(0 < self.c_m < math.inf, f"score.c_m = {self.c_m} must be greater than 0, and finite")
+        _require(1 <= self.p <= 20, "score.p is within 1..20")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputConfig:
+    """Archive and picture."""
+
+    archive: Literal["full", "hash"] = "full"
+    archive_points: bool = True
+    chunk_scans: int = 20  # a killed run keeps all but the last of these
+
+    def __post_init__(self) -> None:
+        _require(self.chunk_scans >= 1, "output.chunk_scans starts at 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """All settings of a run."""
+
+    preset: str = ""
+    tracker_name: str = "jipda"
+    seed: int = 0
+    input: InputConfig = field(default_factory=InputConfig)
+    detect: DetectConfig = field(default_factory=DetectConfig)
+    cluster: ClusterConfig = field(default_factory=ClusterConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    score: ScoreConfig = field(default_factory=ScoreConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
