@@ -147,6 +147,8 @@ class TrackerConfig:
     delete_existence: float = 0.05
     delete_misses: int = 10  # in a row
     delete_sigma_m: float = 500.0  # position less certain than this
+    delete_alpha: float = 0.0  # extent with no more degrees of freedom, in a scan without a hit; 0 = none
+    delete_axis_m: float = math.inf  # longer semi-axis of the extent above this; model.max_axis_m holds it below that
     coast_misses: int = 1  # misses in a row after which a confirmed track is called coasted
     duplicate_distance_m: float = 0.0  # tracks nearer than this ...
     duplicate_speed_mps: float = 2.0  # ... and in velocity than this are one; 0 m = none
@@ -160,6 +162,8 @@ class TrackerConfig:
     moving_hits: int = 0
     max_tracks: int = 5000  # no new ones beyond
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
+    assign_by: Literal["likeliest", "nearest"] = "likeliest"  # cost of hard assignment: with existence or without
+    pairs_per_track: int = 0  # clusters a track may choose from, the cheapest ones; 0 = all in its gate
 
     def __post_init__(self) -> None:
         for name in ("birth_existence", "confirm_existence", "delete_existence"):
@@ -169,6 +173,29 @@ class TrackerConfig:
         _require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
         _require(self.max_tracks >= 1, "tracker.max_tracks starts at 1")
         _require(1 <= self.exact_limit <= 16, "tracker.exact_limit is within 1..16")
+        _require(self.pairs_per_track >= 0, "tracker.pairs_per_track must not be negative")
+        _positive("tracker.delete_axis_m", self.delete_axis_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SprtConfig:
+    """The sequential probability ratio test; it confirms and deletes in place of the existence limits of `tracker`."""
+
+    p_false_alarm: float = 0.01  # a false cluster in a gate; polar, sec. II
+    alpha: float = 1e-3  # a false track is confirmed
+    beta: float = 0.05  # a true track is deleted
+    start_ratio: float = 0.0  # log-likelihood ratio of a new track; its first cluster is no hit
+    existence_max: float = 0.999  # cap, or an old track would never end; not below the limit that confirms
+    assignment: Literal["greedy", "optimal"] = "greedy"
+
+    def __post_init__(self) -> None:
+        for name in ("p_false_alarm", "alpha", "beta", "existence_max"):
+            value = getattr(self, name)
+            _require(0.0 < value < 1.0, f"sprt.{name} = {value} is not between 0 and 1")
+        low, high = math.log(self.beta / (1.0 - self.alpha)), math.log((1.0 - self.beta) / self.alpha)
+        _require(
+            low < self.start_ratio < high, f"sprt.start_ratio is between {low:.3g} (delete) and {high:.3g} (confirm)"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,5 +240,6 @@ class Config:
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    sprt: SprtConfig = field(default_factory=SprtConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

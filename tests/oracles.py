@@ -33,6 +33,31 @@ def joint_event_existence(beta: FloatArray, existence: FloatArray, p_detect: flo
     )
 
 
+def jpda_step(
+    x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, *, p_detect: float, p_gate: float, density: float
+) -> tuple[FloatArray, FloatArray]:
+    """JPDA of point objects, x (t, 4) and P (t, 4, 4) predicted, with z (m, 2) of one covariance R: event by event."""
+    H, limit, weight = np.eye(2, 4), -2 * np.log(1 - p_gate), np.zeros((len(x), len(z)))
+    S = [H @ P[t] @ H.T + R for t in range(len(x))]
+    for t, j in np.ndindex(weight.shape):
+        nu = z[j] - H @ x[t]
+        d2 = nu @ np.linalg.solve(S[t], nu)
+        if d2 <= limit:
+            density_of_z = np.exp(-d2 / 2) / (2 * np.pi * np.sqrt(np.linalg.det(S[t])))
+            weight[t, j] = p_detect * density_of_z / density
+    beta = joint_event_marginals(np.full(len(x), 1 - p_detect * p_gate), weight)
+    x_new, P_new = np.empty_like(x), np.empty_like(P)
+    for t in range(len(x)):
+        K = P[t] @ H.T @ np.linalg.inv(S[t])
+        means = np.array([x[t], *(x[t] + K @ (z[j] - H @ x[t]) for j in range(len(z)))])
+        covs = [P[t], *[P[t] - K @ S[t] @ K.T] * len(z)]
+        x_new[t] = beta[t] @ means
+        P_new[t] = sum(
+            b * (C + np.outer(m - x_new[t], m - x_new[t])) for b, m, C in zip(beta[t], means, covs, strict=True)
+        )
+    return x_new, P_new
+
+
 def ospa_by_permutation(D: FloatArray, c: float, p: float) -> float:
     """OSPA from distances (n, m), over all assignments of the smaller set."""
     D = D if D.shape[0] <= D.shape[1] else D.T

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from maritrack.settings import Config
+from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
+from maritrack.trackers.sprt import Sprt
 from maritrack.types import Clusters, Points, Scan, Tracks
 
 
@@ -21,5 +23,7 @@ class Tracker(Protocol):
 
 
 TRACKERS: dict[str, Callable[[Config], Tracker]] = {
+    "sprt": Sprt,
+    "ipda": Ipda,
     "jipda": Jipda,
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -10,9 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from maritrack import geo
-from maritrack.config import Config, TrackerConfig
 from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
+from maritrack.settings import Config, TrackerConfig
+from maritrack.trackers.clutter import Clutter
 from maritrack.types import (
     COASTED,
     CONFIRMED,
@@ -25,16 +25,6 @@ from maritrack.types import (
     Scan,
     Tracks,
 )
-
-RINGS = 16
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clutter:
-    """Running density of the clusters that no track explains, in rings about the sensor."""
-
-    density_per_m2: FloatArray  # (b,)
-    ring_m: float  # width of a ring; 0 = one ring for all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,8 +162,8 @@ def _rows(clusters: Clusters, index: IntArray) -> dict[str, np.ndarray]:
 def manage(tracks: TrackList, config: Config) -> TrackList:
     """Confirm, end and unite tracks.
 
-    A track ends when its existence, its misses in a row, its position or its speed say so; one that is not
-    confirmed and lies on an older one is the same object.
+    A track ends when its existence, its misses in a row, its position, its speed or its extent say so; one that
+    is not confirmed and lies on an older one is the same object.
     """
     rules, model, d = config.tracker, config.model, tracks.density
     confirmed = tracks.confirmed | ((tracks.existence >= rules.confirm_existence) & (tracks.hits >= rules.confirm_hits))
@@ -184,6 +174,9 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
         & (sigma2 <= rules.delete_sigma_m**2)
         & (np.hypot(d.x[:, 2], d.x[:, 3]) <= model.max_speed_mps)
     )
+    if model.extent == "random-matrix":
+        half_m2 = matrix2.eigen(d.X)[0][:, 0]
+        alive &= (half_m2 <= rules.delete_axis_m**2) & ((tracks.misses == 0) | (d.alpha > rules.delete_alpha))
     tracks = replace(tracks, confirmed=confirmed)
     if rules.duplicate_distance_m > 0:
         alive &= ~duplicates(tracks, rules)
@@ -252,47 +245,3 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
         extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=tracks.moving,
         cluster=tracks.cluster,
     )  # fmt: skip
-
-
-def clutter_at(clutter: Clutter | None, clusters: Clusters, config: Config) -> FloatArray:
-    """Clutter density (c,) at clusters, per m^2: fixed, or the running estimate of their ring."""
-    if clutter is None:
-        return np.full(len(clusters), config.model.clutter_density_per_m2)
-    return clutter.density_per_m2[_ring(clutter, clusters)]
-
-
-def learn_clutter(
-    clutter: Clutter | None, clusters: Clusters, unexplained: FloatArray, scan: Scan, config: Config
-) -> Clutter | None:
-    """The estimate with one more scan; `unexplained` (c,) is the share of each cluster that no track took.
-
-    A slow mean, 20 scans long, in rings of a sixteenth of the range. Where the range is unknown, one ring of
-    the area of the box around the clusters. A ring counts at least a fiftieth of a cluster a scan.
-    """
-    if config.model.clutter == "fixed":
-        return clutter
-    reach, least = (
-        min(scan.sensor.max_range_m, config.input.roi_max_m),
-        min(config.input.roi_min_m, scan.sensor.max_range_m),
-    )
-    if math.isfinite(reach):
-        share = 1.0 if scan.swept is None else max(float(scan.swept.mean()), 1e-3)
-        ring_m = reach / RINGS
-        edges = np.maximum(np.arange(RINGS + 1) * ring_m, least)
-        area = share * math.pi * np.maximum(edges[1:] ** 2 - edges[:-1] ** 2, ring_m**2 * 1e-3)
-    elif len(clusters) >= 3:
-        ring_m, area = 0.0, np.array([max(float(np.prod(np.ptp(clusters.mean_m, axis=0))), 1.0)])
-    else:
-        return clutter
-    now = Clutter(np.zeros(len(area)), ring_m)
-    count = np.bincount(_ring(now, clusters), unexplained, len(area))
-    density = np.maximum(count, 0.02) / area
-    if clutter is not None and len(clutter.density_per_m2) == len(area) and clutter.ring_m == ring_m:
-        density = 0.95 * clutter.density_per_m2 + 0.05 * density
-    return replace(now, density_per_m2=density)
-
-
-def _ring(clutter: Clutter, clusters: Clusters) -> IntArray:
-    if clutter.ring_m <= 0:
-        return np.zeros(len(clusters), np.int64)
-    return np.minimum((clusters.range_m / clutter.ring_m).astype(np.int64), len(clutter.density_per_m2) - 1)

@@ -106,6 +106,21 @@ def test_a_track_ends_by_existence_misses_uncertainty_or_speed() -> None:
     assert tracklist.manage(t, config).id.tolist() == [5]
 
 
+def test_a_track_ends_by_an_extent_that_nothing_has_told_for_long_or_that_is_too_long() -> None:
+    d = replace(
+        tracks(4).density,
+        alpha=np.array([2.04, 2.04, 2.06, 30.0]),
+        X=np.array([[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [99.0**2, 4.0]])[:, :, None] * np.eye(2),
+    )
+    t = tracks(4, density=d, misses=np.array([1, 0, 1, 0]))
+    assert tracklist.manage(t, Config()).id.tolist() == [1, 2, 3, 4]
+    assert tracklist.manage(t, Config(tracker=replace(RULES, delete_alpha=2.05))).id.tolist() == [2, 3, 4]
+    assert tracklist.manage(t, Config(tracker=replace(RULES, delete_axis_m=98.0))).id.tolist() == [1, 2, 3]
+    assert tracklist.manage(t, Config(tracker=replace(RULES, delete_axis_m=100.0))).id.tolist() == [1, 2, 3, 4]
+    points = Config(tracker=replace(RULES, delete_alpha=2.05), model=ModelConfig(extent="point"))
+    assert tracklist.manage(t, points).id.tolist() == [1, 2, 3, 4]
+
+
 def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_older() -> None:
     rules = replace(RULES, duplicate_distance_m=10.0)
     assert tracklist.duplicates(tracks(2), rules).tolist() == [False, True]

@@ -1,0 +1,188 @@
+"""The sequential probability ratio test: counts of hits and misses, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.special import expit
+
+from maritrack.errors import ConfigError
+from maritrack.objects import giw
+from maritrack.settings import SprtConfig
+from maritrack.trackers import steps, tracklist
+from maritrack.trackers.sprt import limits, log_ratio_step, with_limits_of_the_test
+from tests.unit.scans import clusters_of, plain_config, scan_of, step
+
+HERE, NOTHING = [[300.0, 400.0]], np.zeros((0, 2))
+HIT, MISS = math.log(0.8 * 0.99 / 0.01), math.log((1 - 0.8 * 0.99) / 0.99)
+CONFIG = plain_config("sprt")
+
+
+def after(pattern: str, *sets: str) -> tracklist.TrackList:
+    """The state after a scan that starts one track and then hits (x) and misses (.) of it."""
+    config, state = plain_config("sprt", *sets), None
+    for k, sign in enumerate("x" + pattern):
+        state = step(config, state, HERE if sign == "x" else NOTHING, float(k))
+    assert state is not None
+    return state
+
+
+def ratio(state: tracklist.TrackList) -> float:
+    (r,) = state.existence.tolist()
+    return math.log(r / (1 - r))
+
+
+def test_a_hit_and_a_miss_count_as_the_paper_s_numbers_say() -> None:
+    """P_D = 0.8, P_FA = 0.01, P_G = 0.99."""
+    hit, missed, unseen = np.array([True, False, False]), np.array([0.8, 0.8, 0.0]), np.zeros(1)
+    got = log_ratio_step(hit, missed, 0.99, SprtConfig())
+    assert_allclose(got, [4.372, -1.560, 0.0], atol=5e-4)
+    assert_allclose(got, [HIT, MISS, *unseen], rtol=1e-12)
+
+
+def test_wald_s_limits_of_one_in_a_thousand_and_one_in_twenty() -> None:
+    low, high = limits(SprtConfig(alpha=1e-3, beta=0.05))
+    assert_allclose([low, high], [-2.995, 6.856], atol=1e-3)
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(st.text("x.", max_size=12))
+def test_existence_is_the_clipped_sum_of_hits_and_misses(pattern: str) -> None:
+    L, cap = 0.0, math.log(0.999 / 0.001)
+    for k, sign in enumerate(pattern):
+        L = min(L + (HIT if sign == "x" else MISS), cap)
+        if math.log(0.05 / 0.999) >= L:
+            pattern = pattern[: k + 1]
+            assert len(after(pattern)) == 0
+            return
+    assert ratio(after(pattern)) == pytest.approx(L, abs=1e-9)
+
+
+def test_two_hits_confirm_a_new_track_and_two_misses_end_it() -> None:
+    assert not after("x").confirmed.any() and after("xx").confirmed.all()
+    assert len(after(".")) == 1 and len(after("..")) == 0
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1e-2, 1e-3, 1e-6, 1e-9])
+def test_hits_to_confirm_are_the_limit_over_the_gain(alpha: float) -> None:
+    wanted = math.ceil(math.log(0.95 / alpha) / HIT)
+    sets = (f"sprt.alpha={alpha}", "sprt.existence_max=0.9999999999")
+    assert not after("x" * (wanted - 1), *sets).confirmed.any()
+    assert after("x" * wanted, *sets).confirmed.all()
+
+
+@pytest.mark.parametrize("beta", [0.2, 0.05, 1e-3, 1e-8])
+def test_misses_to_end_an_old_track_are_the_way_from_the_cap_over_the_loss(beta: float) -> None:
+    wanted = math.ceil((math.log(0.999 / 0.001) - math.log(beta / 0.999)) / -MISS)
+    assert len(after("x" * 9 + "." * (wanted - 1), f"sprt.beta={beta}")) == 1
+    assert len(after("x" * 9 + "." * wanted, f"sprt.beta={beta}")) == 0
+    assert beta != 0.05 or wanted == 7
+
+
+def test_an_old_track_never_exists_more_than_the_cap_says() -> None:
+    assert_allclose(after("x" * 30).existence, 0.999)
+
+
+def test_a_cap_below_the_limit_that_confirms_is_raised_to_it() -> None:
+    state = after("xxxx", "sprt.existence_max=0.9")
+    assert state.confirmed.all() and state.existence[0] == pytest.approx(0.95 / (0.95 + 1e-3))
+
+
+def test_misses_in_a_row_end_a_track_before_the_ratio_does_where_the_settings_say_so() -> None:
+    assert len(after("xxxxx...", "tracker.delete_misses=2")) == 0
+    assert len(after("xxxxx..", "tracker.delete_misses=2")) == 1
+
+
+def test_a_new_track_begins_at_the_start_ratio() -> None:
+    assert ratio(after("", "sprt.start_ratio=1.5")) == pytest.approx(1.5)
+
+
+def test_neither_place_nor_clutter_nor_survival_matter_to_existence() -> None:
+    state = after("x")
+    moved = [step(CONFIG, state, [[300.0 + e, 400.0]], 2.0).existence[0] for e in (0.0, 3.0, 9.0)]
+    thick = plain_config("sprt", "model.clutter_density_per_m2=1.0", "model.p_survive=0.5")
+    assert moved == [moved[0]] * 3 == [step(thick, state, HERE, 2.0).existence[0]] * 3
+
+
+def test_a_scan_that_did_not_look_is_no_miss_and_gives_no_cluster() -> None:
+    state = after("x")
+    blind = replace(CONFIG, input=replace(CONFIG.input, roi_max_m=100.0))
+    for z in (HERE, NOTHING):
+        later = step(blind, state, z, 2.0)
+        assert later.existence[0] == pytest.approx(state.existence[0])
+        assert later.misses[0] == 1 and later.cluster[0] == -1
+
+
+@pytest.mark.parametrize("sets", [(), ("model.extent=random-matrix", "cluster.method=cartesian-dbscan")])
+def test_a_hit_updates_the_density_as_if_it_were_certain(sets: tuple[str, ...]) -> None:
+    config, state = plain_config("sprt", *sets), None
+    hull = (
+        np.array([[300.0 + e, 400.0 + n] for e in (-40, -20, 0, 20, 40) for n in (-8, 8)]) if sets else np.array(HERE)
+    )
+    for k in range(3):
+        state = step(config, state, hull, float(k))
+    z = hull + np.array([6.0, -5.0])
+    scan, points = scan_of(z, 3.0)
+    clusters = clusters_of(config, z, 3.0)
+    sight = steps.look(state, scan, points, clusters, config)
+    want = giw.update(sight.tracks.density, clusters, sight.pairs, np.ones(1), np.zeros(1), config.model)
+    got = step(config, state, z, 3.0)
+    for name in ("x", "P", "X", "alpha"):
+        assert_allclose(getattr(got.density, name), getattr(want, name), rtol=1e-12)
+
+
+def test_of_two_clusters_in_one_gate_the_nearer_is_taken_and_the_other_starts_a_track() -> None:
+    state = step(CONFIG, after("xxx"), [[300.0, 402.0], [300.0, 391.0]], 4.0)
+    assert state.id.tolist() == [1, 2]
+    assert_allclose(state.density.x[1, :2], [300.0, 391.0])
+    assert state.misses.tolist() == [0, 0]
+
+
+def test_one_cluster_serves_one_of_two_tracks() -> None:
+    state = step(CONFIG, None, [[300.0, 400.0], [300.0, 425.0]], 0.0)
+    state = step(CONFIG, state, [[300.0, 410.0]], 1.0)
+    assert state.misses.tolist() == [1, 0]  # the second one has the smaller azimuth
+    assert_allclose(state.existence, expit([MISS, HIT]))
+
+
+@pytest.mark.parametrize(("how", "taken"), [("greedy", [1, -1]), ("optimal", [0, 1])])
+def test_assignment_is_greedy_or_optimal_as_asked(how: str, taken: list[int]) -> None:
+    """Both tracks reach the second cluster, only the first track the first one as well."""
+    config = plain_config("sprt", f"sprt.assignment={how}", "model.sigma_velocity_mps=1.0", "model.p_gate=0.999")
+    state = step(config, None, [[100.0, 1000.0], [120.0, 1000.0]], 0.0)
+    state = step(config, state, [[88.0, 1000.0], [109.0, 1000.0]], 0.01)
+    assert state.cluster[:2].tolist() == taken
+
+
+def test_the_settings_of_the_test_replace_those_on_existence_alone() -> None:
+    config = with_limits_of_the_test(CONFIG)
+    low, high = limits(CONFIG.sprt)
+    assert config.tracker.delete_existence == pytest.approx(expit(low))
+    assert config.tracker.confirm_existence == pytest.approx(expit(high))
+    back = replace(
+        config.tracker, birth_existence=CONFIG.tracker.birth_existence, confirm_hits=CONFIG.tracker.confirm_hits,
+        confirm_existence=CONFIG.tracker.confirm_existence, delete_existence=CONFIG.tracker.delete_existence,
+    )  # fmt: skip
+    assert back == CONFIG.tracker
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("sprt.alpha=0.0", "not between 0 and 1"),
+        ("sprt.beta=1.0", "not between 0 and 1"),
+        ("sprt.start_ratio=7.0", "start_ratio"),
+        ("sprt.start_ratio=-3.0", "start_ratio"),
+        ("sprt.existence_max=1.0", "not between 0 and 1"),
+        ("sprt.assignment=best", "one of greedy, optimal"),
+    ],
+)
+def test_settings_under_which_no_track_could_live_are_errors(setting: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        plain_config("sprt", setting)
