@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,7 +21,7 @@ Examples:
 
     maritrack dump harbour.cat240 --csv > records.csv
 
-    zcat old.cat240.gz | maritrack dump - --cells | jq -c 'select(.idx == 7).cells'
+    maritrack dump radar.pcap.gz --stream :8600 --cells | jq -c 'select(.idx == 7).cells'
 """
 
 
@@ -32,24 +31,26 @@ def register(app: typer.Typer) -> None:
 
 
 def dump(
-    recording: Annotated[Path, typer.Argument(help="CAT240 file, - for standard input.", show_default=False)],
+    recording: Annotated[Path, typer.Argument(help="Recording, - for standard input.", show_default=False)],
     *,
     cells: Annotated[bool, typer.Option("--cells", help="With the video cells.")] = False,
+    stream: Annotated[str, typer.Option("--stream", help="Of a capture: ADDRESS, ADDRESS:PORT or :PORT.")] = "",
     csv_: Annotated[bool, typer.Option("--csv", help="CSV with a header, an item that was not sent is empty.")] = False,
 ) -> None:
     """Read, write, line by line."""
     from maritrack.errors import InputError
-    from maritrack.io.cat240 import file_chunks
-    from maritrack.io.dump import CSV_FIELDS, dump_records
+    from maritrack.io.dump import CSV_FIELDS, dump_recording
+    from maritrack.io.octets import octets_from_file, octets_from_stdin
 
-    piped = str(recording) == "-"
-    name = "standard input" if piped else str(recording)
-    chunks: Iterable[bytes] = iter(lambda: os.read(0, 1 << 20), b"") if piped else file_chunks(recording)
+    octets = octets_from_stdin() if str(recording) == "-" else octets_from_file(recording, "")
+    name = octets.name
+    if not octets.head:
+        raise InputError(f"{name}: is empty")
     seen: dict[str, int] = {}
-    rows = _counted(dump_records(chunks, cells=cells, name=name), seen)
+    rows = _counted(dump_recording(octets, cells=cells, stream=stream), seen)
     _write_csv(rows, CSV_FIELDS) if csv_ else _write_lines(rows)
     if not seen:
-        raise InputError(f"{name}: is empty")
+        raise InputError(f"{name}: no CAT240 in it")
     if set(seen) == {"not-asterix"}:
         raise InputError(f"{name}: no CAT240 in it")
 

@@ -12,7 +12,8 @@ from . import render
 
 HELP = """Run detection, clustering, a tracker and the metrics on a recording.
 
-Reads ASTERIX CAT240 video, points (maritrack-points/1, Autoferry, plots as CSV), told apart by content.
+Reads ASTERIX CAT240 video (blocks, pcap, pcapng, FINAL, MCAP recordings, each also gzipped) and points
+(maritrack-points/1, Autoferry, plots as CSV), told apart by content. Captures tell the date by themselves.
 Writes run.rrd (open it with `rerun run.rrd`), run.mcap (`maritrack replay`), summary.json.
 
 Examples:
@@ -20,6 +21,10 @@ Examples:
     maritrack process harbour.cat240
 
     maritrack process rec.cat240 --truth ais.csv --own-ship ais.csv --date 2017-11-02 -o out
+
+    maritrack process radar.pcap --stream :8600
+
+    nc -lu 8600 | maritrack process - -o live
 
     maritrack process detections.json --set model.p_detect=0.9 --json | python -m json.tool
 """
@@ -31,7 +36,8 @@ def register(app: typer.Typer) -> None:
 
 
 def process(
-    inputs: Annotated[list[Path], typer.Argument(help="Recordings; several are several sensors.", show_default=False)],
+    inputs: Annotated[list[Path], typer.Argument(help="Recordings, several are several sensors; - is standard input.",
+                                                 show_default=False)],
     tracker: opt.Tracker = "",
     preset: opt.Preset = "",
     config: opt.ConfigFile = None,
@@ -46,6 +52,7 @@ def process(
     azimuth_offset: Annotated[float | None, opt.given("--azimuth-offset", "Degrees added to each azimuth.")] = None,
     sensors: Annotated[Path | None, opt.given("--sensors", "TOML with these settings for each sensor.")] = None,
     sensor: Annotated[str, opt.given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")] = "",
+    stream: Annotated[str, opt.given("--stream", "Only this stream of a capture: ADDR, ADDR:PORT, :PORT.")] = "",
     from_s: Annotated[float | None, opt.given("--from", "Begin so many seconds after the first scan.")] = None,
     to_s: Annotated[float | None, opt.given("--to", "End so many seconds after the first scan.")] = None,
     limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
@@ -62,24 +69,38 @@ def process(
     """Parse, run, render."""
     from maritrack.config import load_config
     from maritrack.job import Job, execute
-    from maritrack.manifest import file_digest
+    from maritrack.manifest import input_digest
     from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
 
     octets = open_inputs(inputs)
     kinds = kinds_of(octets)
     chosen = preset or default_preset(kinds)
     over = overrides(
-        tracker, seed, position, date, stabilised, azimuth_edge, azimuth_offset, sensor, from_s, to_s, limit, moving
+        tracker,
+        seed,
+        position,
+        date,
+        stabilised,
+        azimuth_edge,
+        azimuth_offset,
+        sensor,
+        stream,
+        from_s,
+        to_s,
+        limit,
+        moving,
     )
     settings = load_config(preset=chosen, file=config, sets=sets or (), over=over)
     side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors)
     job = Job(
-        octets=octets, kinds=kinds, input_sha256=[file_digest(p) for p in inputs], side=side, config=settings,
-        name=inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap, strict=strict, force=force,
+        octets=octets, kinds=kinds, side=side, config=settings,
+        input_sha256=[input_digest(o, p) for o, p in zip(octets, inputs, strict=True)],
+        name="stdin" if str(inputs[0]) == "-" else inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap,
+        strict=strict, force=force,
     )  # fmt: skip
     render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
     scans = settings.input.limit
-    with render.progress(quiet=quiet, total_octets=sum(o.size for o in octets), total_scans=scans) as tick:
+    with render.progress(quiet=quiet, total_octets=sum(max(o.size, 0) for o in octets), total_scans=scans) as tick:
         summary, reused = execute(job, progress=tick)
     if reused:
         render.note("an equal run is here already (--force runs it again)", quiet=quiet)
@@ -95,7 +116,7 @@ def process(
 
 def overrides(
     tracker: str, seed: int | None, position: str, date: str, stabilised: str, azimuth_edge: str,
-    azimuth_offset: float | None, sensor: str, from_s: float | None, to_s: float | None, limit: int | None,
+    azimuth_offset: float | None, sensor: str, stream: str, from_s: float | None, to_s: float | None, limit: int | None,
     moving: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """What named options say, as a table over the configuration."""
@@ -104,7 +125,7 @@ def overrides(
     table: dict[str, Any] = {}
     values: dict[str, Any] = {
         "date": date, "stabilised": stabilised, "azimuth_edge": azimuth_edge, "azimuth_offset_deg": azimuth_offset,
-        "sensor": sensor, "from_s": from_s, "to_s": to_s, "limit": limit,
+        "sensor": sensor, "stream": stream, "from_s": from_s, "to_s": to_s, "limit": limit,
     }  # fmt: skip
     given = {key: value for key, value in values.items() if value not in ("", None)}
     if position:

@@ -122,7 +122,17 @@ def summary(document: Mapping[str, Any]) -> None:
     )
     scores(document, objects=True)
     if counts["warnings"]:
-        table("warnings", ("code", "count"), [(k, str(v)) for k, v in counts["warnings"].items()])
+        first = document.get("warnings", {})
+        rows = [
+            (
+                code,
+                first[code]["message"] if code in first else "",
+                str(count),
+                str(first.get(code, {}).get("offset", "-")),
+            )
+            for code, count in counts["warnings"].items()
+        ]
+        table("warnings", ("code", "first", "count", "at byte"), rows, text_columns=2)
     for name, path in document.get("outputs", {}).items():
         print(f"{name}: {path}")
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.chain import build_chain
-from maritrack.config import Config
 from maritrack.errors import InputError, UsageError
 from maritrack.io.source import Octets
 from maritrack.manifest import make_manifest
 from maritrack.recording import Recording, open_recording
 from maritrack.run import Progress, Sink, run
+from maritrack.settings import Config
 from maritrack.sinks.summary import write_summary
 from maritrack.types import RunManifest
 
@@ -48,7 +48,7 @@ def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, An
         origin=recording.origin, recording=job.name,
     )  # fmt: skip
     folder = job.out or Path("runs") / f"{_safe(job.name)}-{manifest.tracker}-{manifest.run_id[:8]}"
-    if not job.force and (old := finished(folder, manifest, job)) is not None:
+    if not job.force and all(job.input_sha256) and (old := finished(folder, manifest, job)) is not None:
         return old, True
     folder.mkdir(parents=True, exist_ok=True)
     with only_one(folder):

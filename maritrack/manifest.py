@@ -9,7 +9,9 @@ from importlib import metadata
 from pathlib import Path
 
 from maritrack import __version__
-from maritrack.config import Config, to_toml
+from maritrack.config import to_toml
+from maritrack.io.source import Octets
+from maritrack.settings import Config
 from maritrack.types import Origin, RunManifest
 
 LIBRARIES = ("numpy", "scipy", "mcap", "protobuf")  # what the numbers and the octets of an archive rest on
@@ -28,6 +30,11 @@ def file_digest(path: Path) -> str:
     """SHA-256 of a file, read in pieces."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def input_digest(octets: Octets, path: Path) -> str:
+    """SHA-256 of an input; "" where it is a stream that can be read once only."""
+    return file_digest(path) if octets.size >= 0 else ""
 
 
 def versions() -> dict[str, str]:

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from maritrack import geo
-from maritrack.config import Config, InputConfig
 from maritrack.errors import InputError, UsageError
 from maritrack.io import sniff
 from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.fuse import merge_sources
-from maritrack.io.octets import octets_from_file
+from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
 from maritrack.io.pose import PoseTrack
@@ -25,6 +24,7 @@ from maritrack.io.reference import Reference
 from maritrack.io.sensors import for_input, parse_sensors
 from maritrack.io.source import Octets, Source
 from maritrack.io.truth import document_origin, find_truth, read_reference
+from maritrack.settings import Config, InputConfig
 from maritrack.types import Damage, Frame, Origin
 
 YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
@@ -49,13 +49,12 @@ def kinds_of(octets: Sequence[Octets]) -> tuple[str, ...]:
 
 
 def open_inputs(paths: Sequence[Path]) -> list[Octets]:
-    """The octets of files, each with its channel in the archive."""
+    """The octets of files, pipes or standard input (-), each with its channel in the archive."""
     if not paths:
         raise UsageError("no input")
-    for path in paths:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise InputError(f"{path}: a pipe or a device", hint="a run reads its input twice: save it to a file first")
-    first = [octets_from_file(path, "") for path in paths]
+    if sum(str(path) == "-" for path in paths) > 1:
+        raise UsageError("standard input can be read once only")
+    first = [octets_from_stdin() if str(path) == "-" else octets_from_file(path, "") for path in paths]
     kinds = kinds_of(first)
     several = len(paths) > 1
     return [

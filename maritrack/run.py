@@ -44,6 +44,7 @@ class Tally:
     clusters: int = 0
     damage: dict[str, int] = field(default_factory=dict)  # by code
     damage_sensor: dict[str, int] = field(default_factory=dict)  # by sensor and code
+    damage_first: dict[str, dict[str, Any]] = field(default_factory=dict)  # by code
     confirmed: int = 0
     moving: int = 0
     tracks: int = 0
@@ -67,6 +68,8 @@ class Tally:
             self.damage[damage.code] = self.damage.get(damage.code, 0) + damage.count
             key = f"{damage.sensor or '-'}:{damage.code}"
             self.damage_sensor[key] = self.damage_sensor.get(key, 0) + damage.count
+            first = {"offset": damage.offset, "message": damage.message, "sensor": damage.sensor}
+            self.damage_first.setdefault(damage.code, first)
         for name, value in result.timing_ms.items():
             self.timing_ms[name] = self.timing_ms.get(name, 0.0) + value
         self.sums = hold(
@@ -219,6 +222,7 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "metrics": means(tally.sums),
         "objects": summary_objects(tally.sums),
         "counts": counts,
+        "warnings": {code: tally.damage_first.get(code, {}) | {"count": n} for code, n in sorted(tally.damage.items())},
         "timing": timing | {"total_s": total_s},
         "interrupted": interrupted,
         "score": {"c_m": chain.config.score.c_m, "p": chain.config.score.p, "hold_m": chain.config.score.hold_m},

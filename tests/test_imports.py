@@ -29,10 +29,10 @@ BELOW = {  # what each part of the package may import besides itself
     "metrics": DENSITY,
     "trackers": DENSITY | {"cluster"},
     "chain": LINE,
-    "io": BASE | {"geo"},  # knows nothing of what is made of the points
+    "io": BASE | {"config", "geo"},  # knows nothing of what is made of the points
     "sinks": BASE | {"geo", "io"},
     "simulate": BASE | {"config", "geo", "io"},
-    "manifest": BASE | {"config"},
+    "manifest": BASE | {"config", "io"},
     "recording": BASE | {"geo", "io"},
     "diff": BASE | {"io"},
     "verify": BASE | {"io", "diff"},
@@ -41,14 +41,17 @@ BELOW = {  # what each part of the package may import besides itself
     "job": LINE | {"chain", "io", "manifest", "recording", "run", "sinks"},
     "replay": BASE | {"config", "io", "manifest", "recording", "job", "run", "sinks", "verify"},
     "score": LINE | {"chain", "io", "recording", "replay", "run"},
-    "show": BASE | {"config", "io", "recording"},
+    "convert": BASE | {"io"},
+    "live": BASE | {"io"},
+    "survey": BASE | {"geo", "io"},
+    "show": BASE | {"config", "io", "recording", "survey"},
     "papers": BASE | {"config", "trackers"},
 }
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
     "rich": ("cli/",),
     "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py"),
-    "mcap": ("maritrack/io/archive.py", "maritrack/sinks/mcap.py"),
+    "mcap": ("maritrack/io/archive.py", "maritrack/io/mcap_datagrams.py", "maritrack/sinks/mcap.py"),
     "sklearn": ("maritrack/cluster/", "maritrack/metrics/clusters.py"),
     "maritrack_cli": (),
     "pickle": (),

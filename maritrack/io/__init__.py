@@ -5,27 +5,25 @@ from __future__ import annotations
 import re
 
 from maritrack.errors import InputError
+from maritrack.io.containers import GZIP, MCAP_MAGIC, RAW, container_of, unpacked_head
 
 CAT240 = 0xF0
 MAGIC = (  # first octets, what they are, what to do
     (b"\x89PNG", "a PNG image", "images are not read yet"),
     (b"\xff\xd8\xff", "a JPEG image", "images are not read yet"),
-    (b"\xd4\xc3\xb2\xa1", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
-    (b"\xa1\xb2\xc3\xd4", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
-    (b"\x4d\x3c\xb2\xa1", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
-    (b"\xa1\xb2\x3c\x4d", "a pcap capture", "pcap captures are not read yet: extract the UDP payloads"),
-    (b"\x0a\x0d\x0d\x0a", "a pcapng capture", "pcap captures are not read yet: extract the UDP payloads"),
-    (b"\x1f\x8b", "compressed with gzip", "unpack it first"),
     (b"PK\x03\x04", "a ZIP archive", "unpack it first"),
     (b"\x28\xb5\x2f\xfd", "compressed with Zstandard", "unpack it first"),
-    (b"\x89MCAP", "an MCAP archive", "maritrack replay reads archives of maritrack"),
     (b"RRF", "a Rerun recording", "it is a picture of a run, the record is the .mcap"),
     (b"\x89HDF", "an HDF5 file", "of MATLAB files, version 5 is read"),
     (b"MATLAB 7.3", "a MATLAB 7.3 file", "save it with -v7"),
     (b"\xff\xfe", "UTF-16 text", "save it as UTF-8"),
     (b"\xfe\xff", "UTF-16 text", "save it as UTF-8"),
 )
-READ = "CAT240 radar video, points as JSON, Autoferry, plots and AIS as CSV are read"
+ARCHIVE = b"maritrack.archive"  # stands in the head of an archive of a run
+READ = (
+    "CAT240 radar video (as blocks, pcap, pcapng, FINAL or MCAP, also gzipped), points as JSON, Autoferry, plots and "
+    "AIS as CSV are read"
+)
 LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
 
 
@@ -37,11 +35,17 @@ def sniff(head: bytes, name: str) -> str:
     """
     if not head:
         raise InputError(f"{name}: empty")
+    if head.startswith(GZIP):
+        return _behind_gzip(head, name)
+    if head.startswith(MCAP_MAGIC) and ARCHIVE in head:
+        raise InputError(f"{name}: an archive of a run", hint="maritrack replay runs it again, convert gives its input")
     for magic, what, hint in MAGIC:
         if head.startswith(magic):
             raise InputError(f"{name}: {what}", hint=hint)
     if head.startswith(b"MATLAB 5.0 MAT-file"):
         return "autoferry"
+    if container_of(head) != RAW:
+        return "cat240"
     kind = _text_kind(head, name)
     if kind:
         return kind
@@ -50,6 +54,17 @@ def sniff(head: bytes, name: str) -> str:
     if head[0] and [head[at] for at in _blocks(head, 0)[:4] if at < len(head)] == [head[0]] * 4:
         raise InputError(f"{name}: ASTERIX category {head[0]:03d}, no radar video", hint="category 240 is read")
     raise InputError(f"{name}: not a recording that is known", hint=READ)
+
+
+def _behind_gzip(head: bytes, name: str) -> str:
+    """Kind of what is compressed."""
+    unpacked = unpacked_head(head)
+    if not unpacked:
+        raise InputError(f"{name}: compressed with gzip, but it can't be unpacked")
+    kind = sniff(unpacked, name) if not unpacked.startswith(GZIP) else "gzip"
+    if kind != "cat240":
+        raise InputError(f"{name}: compressed with gzip ({kind})", hint="unpack it first; of CAT240 gzip is read")
+    return kind
 
 
 def _text_kind(head: bytes, name: str) -> str:

@@ -12,11 +12,11 @@ Cells that inflate to more than 256 times the input so far (and 4 MiB) are dropp
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from maritrack.io.cat240_exact import Summary, Video, parse_block
 from maritrack.io.cat240_items import Trouble
 from maritrack.io.cat240_order import Memory, screen
 from maritrack.io.cat240_scan import Chain, Found, scan
+from maritrack.io.datagrams import NO_TIME
 from maritrack.io.framing import Window, pieces, window
-from maritrack.io.radials import Batch, Radials
+from maritrack.io.radials import Batch, Radials, Text
 from maritrack.types import BoolArray, Damage, IntArray
 
 MAX_RADIALS = 4096
@@ -43,11 +44,13 @@ class Part(NamedTuple):
 
     start: int
     octets: bytes
+    span: int  # octets that it stands for
     radials: Radials | None
     damage: list[Damage]
     videos: list[Video]  # of `radials`, where all were read exactly
     summaries: list[Summary]
     window_base: int  # octet of the input that the places in `videos` and `summaries` count from
+    packed: IntArray | None  # (n,) octets of the cells of each radial, as sent
 
 
 @dataclass(slots=True)
@@ -55,25 +58,50 @@ class _State:
     """What the reader carries along the input."""
 
     chain: Chain
+    cells: bool  # are wanted
+    stream_of: Callable[[IntArray], IntArray] | None  # of octets of the input, None = there is one stream
     inflated: int = 0  # cells
     trusting: bool = True  # no stream has inflated to more than it declared
     sensors: dict[int, Memory] = field(default_factory=dict)
 
 
 def read_batches(
-    chunks: Iterable[bytes | memoryview], *, strict: bool = False, name: str = "input", fast: bool = True
+    chunks: Iterable[bytes | memoryview],
+    *,
+    strict: bool = False,
+    name: str = "input",
+    fast: bool = True,
+    cells: bool = True,
+    stream_of: Callable[[IntArray], IntArray] | None = None,
+    start: int = 0,
+    memories: dict[int, Memory] | None = None,
 ) -> Iterator[Batch]:
     """The radials of a CAT240 stream, cut into `chunks` anywhere, in batches whose octets add up to the input.
 
     Radials that repeat one of the last records of their sensor are left out. With `strict` the first damage raises
     InputError, which calls the input `name`. `fast=False` reads every record the exact way, with the same result.
+    Without `cells` there are headers alone: `n_cells` as declared, and what is wrong with cells isn't seen.
+    `stream_of` tells the stream of each of some octets of the input, where it is joined from several.
+    To go on in the middle: `start` is the first octet, at which a data block should begin, and `memories` are of the
+    records before it.
     """
-    for part in read_parts(chunks, fast=fast):
+    for part in read_parts(chunks, fast=fast, cells=cells, stream_of=stream_of, start=start, memories=memories):
         damage = _summed(part.damage)
         if strict and damage:
-            first = damage[0]
-            raise InputError(f"{name}: {first.message} at byte {first.offset} ({first.code})")
-        yield Batch(part.start, part.octets, part.radials, damage)
+            refuse(damage[0], name)
+        texts = tuple(text_of(summary, part.window_base) for summary in part.summaries)
+        yield Batch(part.start, part.octets, part.radials, damage, part.span, texts, part.packed)
+
+
+def text_of(summary: Summary, base: int) -> Text:
+    """What a summary says; its place counts from octet `base` of the input."""
+    sensor = "" if summary.sac is None else f"{summary.sac}-{summary.sic}"
+    return Text(base + summary.at, sensor, summary.text)
+
+
+def refuse(damage: Damage, name: str) -> NoReturn:
+    """What `strict` does at the first damage."""
+    raise InputError(f"{name}: {damage.message} at byte {damage.offset} ({damage.code})")
 
 
 def file_chunks(path: str | Path, *, size: int = 2 << 20) -> Iterator[bytes]:
@@ -89,15 +117,23 @@ def file_chunks(path: str | Path, *, size: int = 2 << 20) -> Iterator[bytes]:
         raise InputError(f"{path}: {error.strerror}") from error
 
 
-def read_parts(chunks: Iterable[bytes | memoryview], *, fast: bool) -> Iterator[Part]:
+def read_parts(
+    chunks: Iterable[bytes | memoryview],
+    *,
+    fast: bool,
+    cells: bool = True,
+    stream_of: Callable[[IntArray], IntArray] | None = None,
+    start: int = 0,
+    memories: dict[int, Memory] | None = None,
+) -> Iterator[Part]:
     """What `read_batches` and `dump_records` are made of."""
-    state = _State(Chain(fast))
-    rest, base = b"", 0
+    state = _State(Chain(fast), cells, stream_of, sensors={} if memories is None else memories)
+    rest, base = b"", start
     for piece in pieces(chunks):
         w = window(base, b"".join((rest, piece)), final=False)
         end = 0
         for part in _read_window(w, state):
-            end += len(part.octets)
+            end += part.span
             yield part
         rest, base = w.data[end:], base + end
     yield from _read_window(window(base, rest, final=True), state)
@@ -124,9 +160,11 @@ def _deliver(w: Window, start: int, found: Found, state: _State) -> Iterator[Par
         pairwise([0, *summaries_upto, len(found.summaries)]), strict=True,
     )  # fmt: skip
     for (first, last), (begin, end), (told, upto), (said, until) in cuts:
-        radials, troubles, videos = _radials(w, rows[first:last], affordable[first:last], found.videos, state)
+        radials, troubles, videos, packed = _radials(w, rows[first:last], affordable[first:last], found.videos, state)
         here = sorted([*damage[told:upto], *troubles], key=lambda one: one.offset)
-        yield Part(w.base + begin, w.data[begin:end], radials, here, videos, found.summaries[said:until], w.base)
+        octets = w.data[begin:end] if state.cells else b""
+        said_here = found.summaries[said:until]
+        yield Part(w.base + begin, octets, end - begin, radials, here, videos, said_here, w.base, packed)
 
 
 def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
@@ -174,15 +212,24 @@ def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
 
 def _radials(
     w: Window, rows: Rows, affordable: BoolArray, videos: list[Video], state: _State
-) -> tuple[Radials | None, list[Damage], list[Video]]:
-    """The radials of rows of one width in bits, what was wrong with them, and their exact records if all have one."""
+) -> tuple[Radials | None, list[Damage], list[Video], IntArray | None]:
+    """The radials of rows of one width in bits, what was wrong with them, their exact records if all have one, and
+    the octets of their cells.
+    """
     if len(rows) == 0:
-        return None, [], []
-    cells, n_cells, troubles = _cells(w, rows, affordable, videos, state)
+        return None, [], [], None
+    if state.cells:
+        cells, n_cells, troubles = _cells(w, rows, affordable, videos, state)
+    else:
+        cells, n_cells = np.zeros((len(rows), 0), dtype=np.uint8), rows["n_cells"].copy()
+        records = ((i, videos[rows["record"][i]]) for i in np.flatnonzero(rows["record"] >= 0).tolist())
+        troubles = {i: list(record.troubles) for i, record in records if record.troubles}
     index = np.flatnonzero(n_cells >= 0)
     kept = rows if len(index) == len(rows) else take_rows(rows, index)
     keys = np.stack([kept[name] for name in ("idx", "start_az", "end_az", "start_rg")], axis=1)
-    duplicate, backwards = screen(state.sensors, sensor=kept["sac"] << 8 | kept["sic"], keys=keys, tod=kept["tod"])
+    sensor = kept["sac"] << 8 | kept["sic"]
+    stream = np.zeros(len(kept), dtype=np.int64) if state.stream_of is None else state.stream_of(w.base + kept["block"])
+    duplicate, backwards = screen(state.sensors, sensor=stream << 16 | sensor, keys=keys, tod=kept["tod"])
     for i in index[duplicate].tolist():
         troubles[i] = [("duplicate", f"message {rows['idx'][i]} was there before")]
     for i in index[backwards].tolist():
@@ -194,14 +241,15 @@ def _radials(
     ]
     if duplicate.any():
         index = index[~duplicate]
-        kept = take_rows(rows, index)
+        kept, stream = take_rows(rows, index), stream[~duplicate]
     if len(index) == 0:
-        return None, damage, []
+        return None, damage, [], None
     exact = [] if state.chain.fast else [videos[i] for i in rows["record"][index].tolist()]
     return (
-        _as_radials(w, kept, cells if len(index) == len(rows) else cells[index], n_cells[index]),
+        _as_radials(w, kept, cells if len(index) == len(rows) else cells[index], n_cells[index], stream),
         damage,
         exact,
+        np.ascontiguousarray(kept["octets"]),
     )
 
 
@@ -246,14 +294,15 @@ def _reread(w: Window, row: Any) -> Video:
     return parse_block(w, int(row["block"]), int(row["block_end"])).videos[0]
 
 
-def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray) -> Radials:
+def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray, stream: IntArray) -> Radials:
     columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
     femto = rows["femto"] > 0
-    widest = int(n_cells.max())
+    widest = min(int(n_cells.max()), cells.shape[1])
     return Radials(
         offset=w.base + rows["block"], **columns, femto=femto,
         cell_m=np.where(femto, rows["cell_dur"] * 1e-15, rows["cell_dur"] * 1e-9) * C_MPS / 2,
-        compressed=rows["compressed"] > 0, n_cells=n_cells, bits=int(rows["bits"][0]),
+        t_ns=np.full(len(rows), NO_TIME), stream=stream, compressed=rows["compressed"] > 0, n_cells=n_cells,
+        bits=int(rows["bits"][0]),
         cells=cells if cells.shape[1] == widest else np.ascontiguousarray(cells[:, :widest]),
     )  # fmt: skip
 

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from maritrack.config import InputConfig
+import numpy as np
+
 from maritrack.errors import ConfigError, InputError
 from maritrack.io.assemble import Assembler
-from maritrack.io.cat240 import read_batches
+from maritrack.io.capture import open_cat240
+from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
+from maritrack.io.ledger import Ledger
 from maritrack.io.pose import PoseTrack
-from maritrack.io.radials import Batch
+from maritrack.io.radials import Batch, Radials
 from maritrack.io.scans import scan_of
 from maritrack.io.source import Octets
+from maritrack.io.spokes import TICK_NS
 from maritrack.io.stream import Cut
 from maritrack.io.times import day_start_ns
+from maritrack.settings import InputConfig
 from maritrack.types import Damage, Frame, Origin, Scan
 
 MAX_WAITING = 1 << 30  # octets that may pass without a scan
@@ -23,38 +28,8 @@ MAX_TOLD = 1000  # damage of one kind that is told one by one before the next fr
 STRICT = ("lost-records", "odd-range", "stray-azimuth", "clock-back", "too-many-sensors")  # --strict refuses these
 
 
-class Ledger:
-    """Octets that are read and not yet part of a frame."""
-
-    def __init__(self) -> None:
-        self._parts: deque[bytes] = deque()
-        self.start = 0  # octet of the input where the first part begins
-        self.size = 0
-
-    def add(self, octets: bytes) -> None:
-        if octets:
-            self._parts.append(octets)
-            self.size += len(octets)
-
-    def cut(self, end: int) -> bytes:
-        """The octets up to `end` of the input; none where they are already given away."""
-        taken = []
-        while self._parts and self.start < end:
-            part = self._parts.popleft()
-            n = min(len(part), end - self.start)
-            taken.append(part[:n])
-            if n < len(part):
-                self._parts.appendleft(part[n:])
-            self.start += n
-            self.size -= n
-        return b"".join(taken)
-
-    def rest(self) -> bytes:
-        return self.cut(self.start + self.size)
-
-
 class Cat240Source:
-    """A CAT240 recording as frames, one per scan, in the order in which scans end.
+    """A CAT240 recording in any container as frames, one per scan, in the order in which scans end.
 
     `pose` is where the platform is (None: at 0, 0), `sensor_configs` and `sensor_poses` say otherwise for
     single sensors ("7-42"). The last frame carries the octets and the damage up to the end of the input;
@@ -78,6 +53,7 @@ class Cat240Source:
     ) -> None:
         self.origin = origin
         self.unclaimed: tuple[Damage, ...] = ()
+        self._midnight_ns: int | None = None  # of the first day, by the receive times; None = not known yet
         self._octets, self._config, self._strict = octets, config, strict
         self._pose = pose if pose is not None else PoseTrack.fixed()
         self._configs, self._poses = dict(sensor_configs or {}), dict(sensor_poses or {})
@@ -88,20 +64,22 @@ class Cat240Source:
 
     def frames(self) -> Iterator[Frame]:
         """Frames from 0 on."""
-        octets = self._octets
-        return self.frames_of(read_batches(octets.chunks, strict=self._strict, name=octets.name))
+        recording = open_cat240(self._octets, strict=self._strict, stream=self._config.stream)
+        return self.frames_of(recording.batches(), streams=recording.streams)
 
-    def frames_of(self, batches: Iterable[Batch]) -> Iterator[Frame]:
-        """Frames of batches that were read already.
+    def frames_of(self, batches: Iterable[Batch], *, streams: Sequence[Stream] = ()) -> Iterator[Frame]:
+        """Frames of batches that were read already, out of these streams.
 
         A frame is held back until it is certain that another one follows, so that the last one can
         carry what comes after it.
         """
-        assembler = Assembler(sensor=self._config.sensor)
+        assembler = Assembler(sensor=self._config.sensor, streams=streams)
         builder = _FrameBuilder(self._octets.channel)
         held: Frame | None = None
         for batch in batches:
             builder.add(batch)
+            if self._midnight_ns is None and batch.radials is not None:
+                self._midnight_ns = first_midnight_ns(batch.radials)
             for cut in assembler.push(batch.radials) if batch.radials is not None and len(batch.radials) else ():
                 frame = builder.frame(cut, self._scan(cut))
                 if frame is not None and held is not None:
@@ -129,7 +107,7 @@ class Cat240Source:
         if cut.turn is None:
             return None
         config, pose = self._place(cut.turn.sensor)
-        midnight_ns = day_start_ns(config.date, name=self._octets.name)
+        midnight_ns = day_start_ns(config.date, name=self._octets.name) if config.date else self._midnight_ns or 0
         return scan_of(cut.turn, config, pose, midnight_ns=midnight_ns)
 
     def _place(self, sensor: str) -> tuple[InputConfig, PoseTrack]:
@@ -163,7 +141,7 @@ class _FrameBuilder:
         self._damage = _Told()
 
     def add(self, batch: Batch) -> None:
-        self.ledger.add(batch.octets)
+        self.ledger.add(batch.octets, batch.span)
         self._reader_damage.add(batch.damage)
 
     def frame(self, cut: Cut, scan: Scan | None) -> Frame | None:
@@ -212,6 +190,16 @@ class _Told:
         self._all, self._told, self._latest = [], Counter(), {}
         self.add(left)
         return taken
+
+
+def first_midnight_ns(radials: Radials) -> int | None:
+    """The midnight from which times of day count, by the first receive time that has a date; None where none has."""
+    dated = np.flatnonzero((radials.t_ns >= YEAR_NS) & (radials.t_ns != NO_TIME))
+    if len(dated) == 0:
+        return None
+    came_ns, tod = int(radials.t_ns[dated[0]]), int(radials.tod[dated[0]])
+    tod_ns = tod * TICK_NS if tod >= 0 else came_ns % DAY_NS
+    return (came_ns - tod_ns + DAY_NS // 2) // DAY_NS * DAY_NS
 
 
 def _in_place(damage: list[Damage]) -> tuple[Damage, ...]:

@@ -5,11 +5,17 @@ Integers are as sent; an item that was not sent is a key that is not there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
+
+import numpy as np
 
 from maritrack.io.cat240 import Part, read_parts
 from maritrack.io.cat240_exact import TOD_PER_DAY, Summary, Video
+from maritrack.io.containers import RAW, Opened
+from maritrack.io.datagrams import NO_TIME, Stream
+from maritrack.io.places import Places, payloads
+from maritrack.io.source import Octets
 from maritrack.types import Damage
 
 Row = dict[str, Any]
@@ -18,7 +24,7 @@ CSV_FIELDS = (
     "offset", "type", "sac", "sic", "idx", "header", "start_az", "end_az", "start_az_deg", "end_az_deg", "span_raw",
     "centre_az_deg", "start_rg", "cell_dur", "cell_m", "range_first_cell_m", "range_last_cell_m", "compressed", "res",
     "bits", "nbvb", "nbcells", "block", "rep", "tod", "tod_s", "summary", "re_hex", "sp_hex", "cells", "warning",
-    "count", "message",
+    "count", "message", "received_s", "stream",
 )  # fmt: skip
 FULL_TURN = 65_536
 
@@ -32,6 +38,39 @@ def dump_records(chunks: Iterable[bytes | memoryview], *, cells: bool = False, n
     """
     for part in read_parts(chunks, fast=False):
         yield from _rows_of(part, cells=cells, name=name)
+
+
+def dump_recording(octets: Octets, *, cells: bool = False, stream: str = "") -> Iterator[Row]:
+    """The same of a recording in any container.
+
+    Offsets count in the container, unpacked. A record out of datagrams has `received_s` (UNIX, or of the day) and
+    `stream` ("source > destination") where the container tells them.
+    """
+    opened = Opened(octets, stream=stream)
+    if opened.name == RAW:
+        for row in dump_records(opened.chunks(), cells=cells, name=octets.name):
+            yield from (_damage_row(one, octets.name) for one in opened.damage())
+            yield row
+        yield from (_damage_row(one, octets.name) for one in opened.damage())
+        return
+    places = Places()
+    joined = payloads(opened, places, name=octets.name)
+    for part in read_parts(joined, fast=False, stream_of=places.stream_of):
+        yield from (_damage_row(one, octets.name) for one in places.told())
+        for row in _rows_of(part, cells=cells, name=octets.name):
+            offset = np.array([row["offset"]])
+            at = places.rows(offset)
+            row["offset"] = int(places.back(offset, at)[0])
+            yield row if "warning" in row else row | _received(opened.streams, places, int(at[0]))
+        places.forget(part.start + part.span)
+    yield from (_damage_row(one, octets.name) for one in places.told())
+
+
+def _received(streams: Sequence[Stream], places: Places, row: int) -> Row:
+    """When and from whom a record came, as far as it is known."""
+    t_ns, ends = int(places.t_ns[row]), streams[int(places.stream[row])]
+    told: Row = {} if t_ns == NO_TIME else {"received_s": t_ns / 1e9}
+    return told | ({"stream": f"{ends.source} > {ends.destination}"} if any(ends) else {})
 
 
 def _rows_of(part: Part, *, cells: bool, name: str) -> Iterator[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,24 @@ def octets_from_file(path: Path, channel: str) -> Octets:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: {_reason(error)}") from None
     return Octets(str(path), channel, _rest(head, stream, path), head, -1)
+
+
+def octets_from_stdin() -> Octets:
+    """Standard input, which can be read once: what has come is given on at once."""
+    head = b""
+    try:
+        while len(head) < HEAD and (piece := os.read(0, CHUNK)):
+            head += piece
+    except OSError as error:
+        raise InputError(f"standard input: {_reason(error)}") from None
+    return Octets("standard input", "", _stdin(head), head[:HEAD], -1)
+
+
+def _stdin(head: bytes) -> Iterator[bytes]:
+    piece = head
+    while piece:
+        yield piece
+        piece = os.read(0, CHUNK)
 
 
 def octets_from_bytes(data: bytes, *, name: str, channel: str) -> Octets:

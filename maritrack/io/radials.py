@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,29 +31,45 @@ class Radials:
     cell_m: FloatArray  # (n,) depth of a cell
     compressed: BoolArray  # (n,)
     tod: IntArray  # (n,) 1/128 s since midnight as sent, -1 = absent or impossible
+    t_ns: IntArray  # (n,) receive time: UNIX, or since a midnight (less than a year), or NO_TIME
+    stream: IntArray  # (n,) index of the stream that it came in
     n_cells: IntArray  # (n,) cells delivered
     bits: int
-    cells: NDArray[np.unsignedinteger[Any]]  # (n, w)
+    cells: NDArray[np.unsignedinteger[Any]]  # (n, w); (n, 0) where only headers were asked for
 
     def __post_init__(self) -> None:
         check_lengths(
             self, len(self.offset), "sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "femto",
-            "cell_m", "compressed", "tod", "n_cells", "cells",
+            "cell_m", "compressed", "tod", "t_ns", "stream", "n_cells", "cells",
         )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.offset)
 
 
+class Text(NamedTuple):
+    """What a summary record says."""
+
+    offset: int  # octet of the input where the record is
+    sensor: str  # "7-42", "" where it doesn't tell
+    text: bytes
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """A stretch of the input and what was found in it. Batches follow each other without a gap."""
+    """A stretch of the input and what was found in it. Batches follow each other without a gap.
+
+    Places count in the container, unpacked; the octets are as they are stored.
+    """
 
     start: int  # first octet
-    octets: bytes  # the input from start on, untouched
+    octets: bytes  # the input from start on, untouched; b"" where only headers were asked for
     radials: Radials | None  # None = no video record in this stretch
     damage: tuple[Damage, ...] = ()
+    span: int = -1  # octets from start on that it stands for, -1 = its own
+    texts: tuple[Text, ...] = ()  # of summary records
+    packed: IntArray | None = None  # (n,) octets of the cells of each radial, as sent
 
     @property
     def end(self) -> int:
-        return self.start + len(self.octets)
+        return self.start + (self.span if self.span >= 0 else len(self.octets))

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maritrack.io.datagrams import DAY_NS, NO_TIME
 from maritrack.io.radials import Radials
 from maritrack.types import BoolArray, IntArray
 
 TURN = 65_536  # azimuth units of a turn
 TICKS_PER_S = 128
 DAY = 86_400 * TICKS_PER_S
+TICK_NS = 1_000_000_000 // TICKS_PER_S
 SILENCE = 10 * TICKS_PER_S  # clocks that differ by more do not belong together
 NO_TICK = int(np.iinfo(np.int64).min)  # a spoke without a time
 STRAY = 2_048  # 11 deg: an azimuth that is further from both neighbours, while they agree, is wrong
@@ -39,7 +41,8 @@ SPOKE = np.dtype(
         ("bits", "i8"),
         ("cell_m", "f8"),
         ("n_cells", "i8"),
-        ("tod", "i8"),
+        ("tod", "i8"),  # where none was sent: of the receive time
+        ("came_ns", "i8"),  # receive time since midnight, where it stands for the time of day; else -1
         ("lost", "i8"),  # records that are missing before it
         ("turn", "i8"),  # azimuth that does not wrap
         ("tick", "i8"),  # time of day that does not wrap, 1/128 s
@@ -60,6 +63,10 @@ def spoke_table(radials: Radials, rows: IntArray | None, *, before: Spokes, seq:
     for name in _COPIED:
         column = getattr(radials, name)
         table[name] = column if rows is None else column[rows]
+    t_ns = radials.t_ns if rows is None else radials.t_ns[rows]
+    came = (table["tod"] < 0) & (t_ns != NO_TIME)
+    table["came_ns"] = np.where(came, t_ns % DAY_NS, -1)
+    table["tod"] = np.where(came, table["came_ns"] // TICK_NS, table["tod"])
     table["bits"], table["seq"], table["lost"] = radials.bits, seq, lost
     return whole
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maritrack.io.spokes import NO_TICK, TICKS_PER_S, TURN
+from maritrack.io.datagrams import DAY_NS
+from maritrack.io.spokes import NO_TICK, TICK_NS, TURN
 from maritrack.types import FloatArray, IntArray
 
-TICK_NS = 1_000_000_000 // TICKS_PER_S
 ASSUMED_PERIOD_NS = 2_500_000_000.0  # 24 turns a minute, the usual speed of ships' radars
 
 
@@ -30,10 +30,15 @@ class SpokeClock:
     run_length: int = 0  # spokes of it in the turns before
     spacing: float = 0.0  # ticks from spoke to spoke
 
-    def times(self, tick: IntArray, turn: IntArray) -> IntArray:
-        """Nanoseconds since midnight of the first day (n,) of the spokes of a turn, n > 0."""
+    def times(self, tick: IntArray, turn: IntArray, came_ns: IntArray) -> IntArray:
+        """Nanoseconds since midnight of the first day (n,) of the spokes of a turn, n > 0.
+
+        `came_ns` are receive times since midnight where the ticks are made of them, else -1.
+        """
         known = np.flatnonzero(tick != NO_TICK)
         t_ns = self._by_clock(tick, turn, known) if len(known) else self._by_azimuth(turn)
+        if len(known) == len(tick) and (came_ns >= 0).all():
+            t_ns = came_ns + (tick * TICK_NS - came_ns + DAY_NS // 2) // DAY_NS * DAY_NS
         if self.last_ns is not None:
             t_ns = np.maximum(t_ns, self.last_ns)
         t_ns = np.maximum.accumulate(t_ns)

@@ -19,6 +19,7 @@ from maritrack.io.spokes import (
     NO_TICK,
     SILENCE,
     SPOKE,
+    TICK_NS,
     TICKS_PER_S,
     TURN,
     DayCount,
@@ -31,7 +32,7 @@ from maritrack.io.spokes import (
     same_setting,
     spoke_table,
 )
-from maritrack.io.spoketime import ASSUMED_PERIOD_NS, TICK_NS, SpokeClock
+from maritrack.io.spoketime import ASSUMED_PERIOD_NS, SpokeClock
 from maritrack.io.stitch import continues, extends, join, stitch
 from maritrack.io.turns import OpenTurn, Turn, findings, last_of_repeats
 from maritrack.types import Damage, IntArray, take
@@ -202,7 +203,7 @@ class SensorStream:
     def _close(self, why: str, found: int, offset: int, reason: Damage | None) -> Cut:
         opened, self._open = self._open, OpenTurn()
         spokes = opened.spokes()
-        t_ns = self._clock.times(spokes["tick"], spokes["turn"])
+        t_ns = self._clock.times(spokes["tick"], spokes["turn"], spokes["came_ns"])
         damage = [*findings(spokes, self.sensor), *self._no_time(spokes)]
         turn = None
         if opened.pieces and (why in ("turn", "scan-overlong") or opened.worth_a_scan):

@@ -8,6 +8,7 @@ import resource
 import shutil
 import signal
 import subprocess
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 
 from maritrack.errors import InputError
 from maritrack.io.archive import read_archive
-from tests.cli.calling import COMMAND, call, spawn, start
+from tests.cli.calling import COMMAND, ENVIRONMENT, call, spawn, start
 from tests.cli.conftest import SCANS
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(64)
@@ -184,11 +185,30 @@ def _scans(path: Path) -> int:
         return 0
 
 
-def test_a_pipe_is_refused_in_one_line(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
+def test_standard_input_and_pipes_are_read_as_the_file_is(sample: Path, tmp_path: Path) -> None:
+    head = sample.read_bytes()[:400_000]
+    file, pipe = tmp_path / "part.cat240", tmp_path / "pipe"
+    file.write_bytes(head)
     os.mkfifo(pipe)
-    done = call("process", pipe)
-    assert done.code == 2 and "a pipe or a device" in done.error
+    command = [*COMMAND, "process", "-", "--no-rrd", "-o", str(tmp_path / "stdin"), "-q", "--json"]
+    piped = subprocess.run(command, input=head, capture_output=True, check=True, env=ENVIRONMENT)
+    writer = threading.Thread(target=pipe.write_bytes, args=(head,))
+    writer.start()
+    from_pipe = call("process", pipe, "--no-rrd", "-o", tmp_path / "piped", "-q", "--json").json
+    writer.join()
+    from_file = call("process", file, "--no-rrd", "-o", tmp_path / "file", "-q", "--json").json
+    assert json.loads(piped.stdout)["counts"] == from_file["counts"] == from_pipe["counts"]
+    assert call("diff", tmp_path / "stdin", tmp_path / "file").code == 0
+    assert call("replay", tmp_path / "stdin", "--verify").code == 0
+
+
+def test_a_damage_code_comes_with_its_first_place(sample: Path, tmp_path: Path) -> None:
+    octets = sample.read_bytes()[:400_000]
+    (tmp_path / "cut.cat240").write_bytes(octets + b"\xf0\x00\x01")
+    done = call("process", tmp_path / "cut.cat240", "--no-rrd", "-o", tmp_path / "out", "-q", "--json").json
+    first = done["warnings"]
+    assert {code: one["count"] for code, one in first.items()} == done["counts"]["warnings"] != {}
+    assert all(0 <= one["offset"] <= len(octets) + 3 for one in first.values())
 
 
 def test_a_wrong_key_in_a_configuration_file_names_the_file(sample: Path, tmp_path: Path) -> None:

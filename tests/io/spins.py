@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from maritrack.io.assemble import Assembler
+from maritrack.io.datagrams import NO_TIME
 from maritrack.io.radials import Batch, Radials
 from maritrack.io.stream import Cut
 from maritrack.io.turns import Turn
@@ -48,6 +49,8 @@ def radials(
         "cell_m": np.full(n, 10.0),
         "compressed": np.zeros(n, bool),
         "tod": np.full(n, -1) if tod is None else np.asarray(tod, np.int64),
+        "t_ns": np.full(n, NO_TIME),
+        "stream": np.zeros(n, np.int64),
         "n_cells": np.full(n, n_cells),
         "bits": 16,
         "cells": cells,

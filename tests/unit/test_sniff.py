@@ -25,6 +25,12 @@ OTHER = b"\x30\x00\x10" + b"\xff\x01" * 6 + b"\x00"  # 16 octets of category 48
         (BLOCK, "cat240"),
         (BLOCK[:40], "cat240"),
         (BLOCK * 3, "cat240"),
+        (b"\xd4\xc3\xb2\xa1\x02\x00", "cat240"),
+        (b"\xa1\xb2\x3c\x4d\x00\x02", "cat240"),
+        (b"\x0a\x0d\x0d\x0a", "cat240"),
+        (b"\x89MCAP0\r\n", "cat240"),
+        (gzip.compress(BLOCK), "cat240"),
+        (gzip.compress(b"\xd4\xc3\xb2\xa1\x02\x00"), "cat240"),
         (OTHER * 5 + BLOCK, "cat240"),
         (b"damaged \x01\x02\xf0\x00" + BLOCK * 2, "cat240"),
         (b'{"format": "maritrack-points/1", "scans": []}', "points"),
@@ -49,10 +55,10 @@ def test_the_content_says_what_it_is(head, kind):
     [
         (b"", "empty"),
         (b"\x89PNG\r\n\x1a\n", "PNG"),
-        (b"\xd4\xc3\xb2\xa1\x02\x00", "pcap"),
-        (b"\x0a\x0d\x0d\x0a", "pcapng"),
-        (gzip.compress(BLOCK), "gzip"),
-        (b"\x89MCAP0\r\n", "MCAP"),
+        (gzip.compress(b'{"format": "maritrack-points/1"}'), "gzip (points)"),
+        (gzip.compress(gzip.compress(BLOCK)), "gzip (gzip)"),
+        (b"\x1f\x8b\x08\x00 damaged", "can't be unpacked"),
+        (b"\x89MCAP0\r\n" + bytes(90) + b"maritrack.archive", "archive of a run"),
         (b"RRF2\x00", "Rerun"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),
         (OTHER * 5, "category 048"),
@@ -77,7 +83,7 @@ def test_what_is_not_read_is_named_in_one_line(head, message):
 
 def test_an_archive_is_sent_to_replay():
     with pytest.raises(InputError) as caught:
-        sniff(b"\x89MCAP0\r\n", "run.mcap")
+        sniff(b"\x89MCAP0\r\n" + b"maritrack.archive", "run.mcap")
     assert "maritrack replay" in caught.value.hint
 
 
