@@ -11,7 +11,9 @@ from typer.testing import CliRunner
 
 from tests.cli.calling import call, spawn
 
-COMMANDS = ("process", "replay", "diff", "score", "simulate", "show", "export", "dump", "papers")
+COMMANDS = (
+    "process", "replay", "diff", "score", "simulate", "show", "export", "dump", "convert", "record", "play", "papers",
+)  # fmt: skip
 HEAVY = ("numpy", "scipy", "sklearn", "rerun", "mcap", "google.protobuf", "pymap3d")
 
 
