@@ -10,13 +10,15 @@ import typer
 from . import options as opt
 from . import render
 
-HELP = """What an archive or a recording holds: manifest, counts and channels; sensors, scans, periods and gaps.
+HELP = """What an archive or a recording holds: manifest, counts and channels; sensors, turns, ranges, losses and gaps.
 
-All of it is read, so that damage is found.
+An archive is read as a whole, so that damage is found; of radar video the headers alone.
 
 Examples:
 
     maritrack show harbour.cat240
+
+    maritrack show lan.pcapng.gz --json
 
     maritrack show runs/harbour-jipda-1a2b3c4d --view
 """
@@ -35,10 +37,9 @@ def show(
 ) -> None:
     """Look, render."""
     from maritrack.errors import UsageError
-    from maritrack.replay import archive_path
     from maritrack.show import is_archive, show_archive, show_recording
 
-    path = archive_path(what)
+    path = _archive_in(what) if what.is_dir() else what
     archived = is_archive(path)
     if view:
         picture = path.with_name("run.rrd")
@@ -46,8 +47,21 @@ def show(
             raise UsageError(f"{what}: no picture beside it", hint="maritrack process or replay writes run.rrd")
         render.view(picture)
         return
-    document = show_archive(path) if archived else show_recording([path])
-    render.emit_json(document) if json_ else _tell(document)
+    document = show_archive(path) if archived else show_recording(path)
+    if json_:
+        render.emit_json(document)
+    elif document.get("kind") == "cat240":
+        from . import radarpage
+
+        radarpage.tell(document)
+    else:
+        _tell(document)
+
+
+def _archive_in(folder: Path) -> Path:
+    from maritrack.replay import archive_path
+
+    return archive_path(folder)
 
 
 def _tell(document: dict[str, Any]) -> None:

@@ -1,48 +1,46 @@
-"""What an archive or a recording holds, as one document."""
+"""What an archive or a recording holds, as one document.
+
+Radar video is told by its headers (`maritrack.survey`), in less time than the rest takes to import: so that is imported
+where it is used.
+"""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from glob import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maritrack.config import load_config
-from maritrack.io.archive import iter_messages, read_archive
-from maritrack.io.mcap_walk import MAGIC
-from maritrack.io.messages import OUTPUTS
-from maritrack.recording import default_preset, kinds_of, open_inputs, open_recording, side_documents
-from maritrack.types import Damage, Frame, Origin
+from maritrack.io import ARCHIVE, sniff
+from maritrack.io.containers import MCAP_MAGIC
+from maritrack.io.octets import HEAD, octets_from_file, octets_from_stdin
+from maritrack.survey import survey, time_text
 
-DAY_NS = 86_400 * 10**9
-NO_DATE_NS = 1000 * DAY_NS  # times before are of a recording without a date
+if TYPE_CHECKING:
+    from maritrack.types import Damage, Frame, Origin
+
 GAP = 1.8  # times the usual period
 MAX_GAPS = 100  # that are listed
 MAX_DAMAGE = 20
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file begins like an archive."""
+    """Whether a file begins like the archive of a run."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
-def time_text(t_ns: int) -> str:
-    """A time as ISO 8601, without a date where it is only the time of day."""
-    moment = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=t_ns // 1000)
-    if t_ns >= NO_DATE_NS:
-        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return moment.time().isoformat(timespec="milliseconds")
+        head = file.read(HEAD)
+    return head.startswith(MCAP_MAGIC) and ARCHIVE in head
 
 
 def show_archive(path: Path) -> dict[str, Any]:
     """Manifest, counts, channels, time span and damage of an archive; all of it is read and checked."""
+    from maritrack.io.archive import iter_messages, read_archive
+    from maritrack.io.messages import OUTPUTS
+
     archive = read_archive(path)
     manifest = archive.manifest
     damage: list[Damage] = list(archive.damage)
@@ -70,32 +68,51 @@ def show_archive(path: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def show_recording(path: Path) -> dict[str, Any]:
+    """Sensors, turns, ranges, times, gaps and damage of a recording; "-" is standard input.
+
+    Radar video is told as `maritrack.survey` describes it, other recordings by the frames that a run would have.
+    """
+    octets = octets_from_stdin() if str(path) == "-" else octets_from_file(path, "")
+    kind = sniff(octets.head, octets.name)
+    if kind != "cat240":
+        return _show_frames(path)
+    told = {"what": "recording", "path": str(path), "kind": kind, **survey(octets)}
+    return {**told, "origin": None, "truth": _truth_beside(path)}
+
+
+def _truth_beside(path: Path) -> int | None:
+    """How many objects the truth beside a recording has; None without one."""
+    stem = path.name.partition(".")[0]
+    if not any(path.parent.glob(f"{escape(stem)}*ruth.json")):
+        return None
+    from maritrack.io.truth import find_truth, read_reference
+
+    found = find_truth(path)
+    return None if found is None else len(read_reference(found.read_bytes(), name=str(found), origin=None))
+
+
 @dataclass
 class _Seen:
     """What the scans of one sensor have shown so far."""
 
     t_ns: array[int] = field(default_factory=lambda: array("q"))
-    spokes: array[int] = field(default_factory=lambda: array("q"))
     points: int = 0
-    cells: dict[tuple[float, float, int], int] = field(default_factory=dict)  # (cell, range, bits) -> scans
-    width_rad: float = 0.0
 
     def add(self, frame: Frame) -> None:
-        scan = frame.scan
-        self.t_ns.append(scan.t_ns)
-        self.spokes.append(scan.n_spokes)
-        self.points += 0 if scan.points is None else len(scan.points)
-        key = (scan.sensor.range_res_m, scan.sensor.max_range_m, scan.sensor.bits)
-        self.cells[key] = self.cells.get(key, 0) + 1
-        self.width_rad = scan.sensor.azimuth_res_rad
+        self.t_ns.append(frame.scan.t_ns)
+        self.points += 0 if frame.scan.points is None else len(frame.scan.points)
 
 
-def show_recording(paths: Sequence[Path]) -> dict[str, Any]:
-    """Sensors, scans, periods, cells, times and gaps of a recording, read as a run would read it."""
-    octets = open_inputs(paths)
+def _show_frames(path: Path) -> dict[str, Any]:
+    """Sensors, scans, periods, points, times and gaps of a recording of points, read as a run would read it."""
+    from maritrack.config import load_config
+    from maritrack.recording import default_preset, kinds_of, open_inputs, open_recording, side_documents
+
+    octets = open_inputs([path])
     kinds = kinds_of(octets)
     config = load_config(preset=default_preset(kinds))
-    side = side_documents(paths, truth=None, own_ship=None, sensors=None)
+    side = side_documents([path], truth=None, own_ship=None, sensors=None)
     recording = open_recording(octets, kinds, side, config)
     sensors: dict[str, _Seen] = {}
     warnings: dict[str, int] = dict(recording.damage)
@@ -106,7 +123,7 @@ def show_recording(paths: Sequence[Path]) -> dict[str, Any]:
             warnings[damage.code] = warnings.get(damage.code, 0) + damage.count
         first_ns, last_ns = frame.scan.t_start_ns if first_ns is None else first_ns, frame.t_ns
     return {
-        "what": "recording", "path": ", ".join(map(str, paths)), "kind": ", ".join(dict.fromkeys(kinds)),
+        "what": "recording", "path": str(path), "kind": ", ".join(dict.fromkeys(kinds)),
         "octets": sum(max(o.size, 0) for o in octets), "origin": _origin(recording.origin),
         "truth": None if recording.reference is None else len(recording.reference),
         "scans": sum(len(seen.t_ns) for seen in sensors.values()), **_span(first_ns, last_ns),
@@ -120,20 +137,11 @@ def _sensor(name: str, seen: _Seen) -> dict[str, Any]:
     step_s = np.diff(t_ns) * 1e-9
     period_s = float(np.median(step_s)) if len(step_s) else None
     gaps = np.flatnonzero(step_s > GAP * period_s) if period_s else np.zeros(0, np.int64)
-    (cell_m, range_m, bits), _ = max(seen.cells.items(), key=lambda item: item[1])
-    table: dict[str, Any] = {
+    return {
         "id": name, "scans": len(t_ns), "period_s": period_s, "gaps": len(gaps),
         "gap_list": [{"at": time_text(int(t_ns[i])), "seconds": float(step_s[i])} for i in gaps[:MAX_GAPS].tolist()],
+        "points": seen.points,
     }  # fmt: skip
-    if any(seen.spokes):
-        table |= {
-            "spokes_per_turn": int(np.median(np.array(seen.spokes))), "spokes_least": min(seen.spokes),
-            "spokes_most": max(seen.spokes), "cell_m": cell_m, "range_m": range_m, "bits": bits,
-            "spoke_width_deg": float(np.degrees(seen.width_rad)), "range_scales": len(seen.cells),
-        }  # fmt: skip
-    else:
-        table |= {"points": seen.points}
-    return table
 
 
 def _span(first_ns: int | None, last_ns: int | None) -> dict[str, Any]:

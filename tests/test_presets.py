@@ -14,18 +14,10 @@ from hypothesis import strategies as st
 
 from maritrack import papers
 from maritrack.chain import build_chain
-from maritrack.config import (
-    Config,
-    InputConfig,
-    config_from_toml,
-    load_config,
-    parse_set,
-    preset_names,
-    preset_table,
-    to_toml,
-)  # fmt: skip
+from maritrack.config import config_from_toml, load_config, parse_set, preset_names, preset_table, to_toml
 from maritrack.errors import ConfigError
 from maritrack.recording import PRESET_OF_KIND
+from maritrack.settings import Config, InputConfig  # fmt: skip
 from tests.shared import ROOT
 
 PRESETS = ROOT / "maritrack" / "presets"
