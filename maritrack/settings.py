@@ -199,6 +199,35 @@ class SprtConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PhdConfig:
+    """The mixture of the PHD filter; it starts, keeps, reports and ends its components by weight alone."""
+
+    p_survive_scan: float = 0.95  # polar, sec. II, a scan that moves the clock; 0 = model.p_survive, a second
+    birth_weight: float = 0.05  # polar, sec. II: "small"
+    prune_weight: float = 1e-3
+    merge_distance2: float = 4.0  # squared Mahalanobis distance of the states, with the heavier one's covariance
+    merge_extent: Literal["gauss-wasserstein", "kl"] = "gauss-wasserstein"  # how alike extents must be
+    merge_eps_share: float = 0.25  # Gauss-Wasserstein distance below this share of cluster.eps_m
+    merge_kl: float = 25.0  # symmetrised divergence below this
+    max_components: int = 5000  # the heaviest stay
+    extract_weight: float = 0.5  # heavier ones are confirmed
+    hold_scans: int = 0  # misses in a row for which one that was confirmed is shown, and scored, as coasted
+
+    def __post_init__(self) -> None:
+        _in_unit("phd.p_survive_scan", self.p_survive_scan)
+        for name in ("birth_weight", "prune_weight"):
+            value = getattr(self, name)
+            _require(0.0 < value < 1.0, f"phd.{name} = {value} is not between 0 and 1")
+        _require(self.prune_weight <= self.birth_weight, "phd.prune_weight must not be above phd.birth_weight")
+        _require(self.merge_distance2 >= 0, "phd.merge_distance2 must not be negative")
+        _positive("phd.merge_eps_share", self.merge_eps_share)
+        _positive("phd.merge_kl", self.merge_kl)
+        _require(self.max_components >= 1, "phd.max_components starts at 1")
+        _positive("phd.extract_weight", self.extract_weight)
+        _require(self.hold_scans >= 0, "phd.hold_scans must not be negative")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ScoreConfig:
     """Metrics, and what counts as truth."""
 
@@ -241,5 +270,6 @@ class Config:
     model: ModelConfig = field(default_factory=ModelConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sprt: SprtConfig = field(default_factory=SprtConfig)
+    phd: PhdConfig = field(default_factory=PhdConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
