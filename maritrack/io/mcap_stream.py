@@ -36,6 +36,7 @@ LOOK = RECORD.size + CHUNK_HEAD
 MAX_UNPACKED = 32 << 20  # octets of a chunk or a message
 MAX_PACKED = MAX_UNPACKED + (MAX_UNPACKED >> 6)
 MAX_SMALL = 1 << 24  # of other records
+DULL = frozenset((1, 3, 7, 8, 10, 11, 13, 14))  # opcodes of what is known anyway, or is for other readers
 PRIVATE = 128  # opcodes from here on are anybody's
 FIRST_SEARCH = 4096
 LEAST = {CHUNK: CHUNK_HEAD - 4, MESSAGE: 22, DATA_END: 4, FOOTER: 20}  # octets
@@ -62,6 +63,10 @@ def records(chunks: Iterable[bytes], tell: Tell) -> Iterator[Record]:
         tell("archive-record", 0, "not the beginning of an MCAP file")
     while not finished and pull.has(1):
         octets, at = pull.window(LOOK)
+        if dull := _dull(octets, at):
+            pull.skip(dull)
+            yield Record(pull.offset, NOTHING, b"", pull.offset)
+            continue
         opcode, length = RECORD.unpack_from(octets, at) if len(octets) - at >= RECORD.size else (NOTHING, 0)
         if not _believed(pull, opcode, length):
             whole, broken = False, broken + 1
@@ -137,6 +142,17 @@ def is_packed(content: bytes) -> bool:
 def data_offset(content: bytes) -> int:
     """Where in a chunk its data begin."""
     return CHUNK_HEAD - 4 + int.from_bytes(content[28:32], "little")
+
+
+def _dull(octets: bytes, at: int) -> int:
+    """How many octets from a place on are whole records that tell nothing here, each followed by another record."""
+    first, last = at, len(octets) - LOOK
+    while at < last and (octets[at] in DULL or octets[at] >= PRIVATE):
+        end = at + RECORD.size + int.from_bytes(octets[at + 1 : at + RECORD.size], "little")
+        if end > last or not _possible(octets, end):
+            break
+        at = end
+    return at - first
 
 
 def _believed(pull: Pull, opcode: int, length: int) -> bool:

@@ -186,9 +186,8 @@ def test_a_changed_octet_costs_at_most_its_own_record_and_the_next(seed: int) ->
 @given(st.integers(0, 2**32), cuts)
 def test_damage_reads_the_same_however_the_input_is_cut(seed: int, sizes: list[int]) -> None:
     rng = random.Random(seed)
-    octets = bytearray(
-        record(rng.randbytes(40_000)) * 50 + many()[2] * rng.randrange(300) + record(b"\xa5" * 60_000) * 9
-    )
+    large = record(rng.randbytes(40_000)) * 26 + record(b"\xa5" * 60_000)
+    octets = bytearray(large + many()[2] * rng.randrange(20))
     for _ in range(rng.randrange(60)):
         at = rng.randrange(len(octets))
         octets[at : at + rng.randrange(3)] = rng.randbytes(rng.randrange(3)) + FOOTER * rng.randrange(2)
@@ -232,14 +231,14 @@ import random, sys
 from maritrack.io.final import FinalReader
 from tests.io.grams import peak_mb
 A5 = b"\\xa5" * 4
-def cycle(part): return part * (10_000_000 // len(part))
+def cycle(part): return part * (4_000_000 // len(part))
 file = {
     "empty records": lambda: cycle(b"\\0\\x0c\\0\\1\\0\\0\\0\\0" + A5),
     "broken footers": lambda: cycle(b"\\0\\x0c\\0\\1\\0\\0\\0\\0" + A5 + b"\\0\\x0c\\0\\1\\0\\0\\0\\0xxxx"),
     "footers": lambda: cycle(A5),
     "claims": lambda: cycle(b"\\xff\\xff\\0\\1\\0\\0\\0\\0" + A5),
-    "lines": lambda: b"".join(b"\\0\\x0c" + i.to_bytes(2, "big") + bytes(4) + A5 for i in range(65_536)) * 12,
-    "noise": lambda: random.Random(1).randbytes(10_000_000),
+    "lines": lambda: b"".join(b"\\0\\x0c" + i.to_bytes(2, "big") + bytes(4) + A5 for i in range(65_536)) * 5,
+    "noise": lambda: random.Random(1).randbytes(4_000_000),
 }[sys.argv[1]]()
 before = peak_mb()
 end = 0
@@ -255,5 +254,5 @@ KINDS = ("empty records", "broken footers", "footers", "claims", "lines", "noise
 @pytest.mark.parametrize("kind", KINDS)
 def test_hostile_final_takes_little_memory(kind: str) -> None:
     octets, grown = grown_mb(PROGRAM, kind)
-    assert octets > 9_000_000
+    assert octets > 3_000_000
     assert grown < 100

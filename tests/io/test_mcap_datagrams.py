@@ -260,8 +260,8 @@ def test_more_streams_than_channels_are_refused(monkeypatch: pytest.MonkeyPatch)
 
 
 def cycle(part: bytes) -> bytes:
-    """About ten megabytes of it."""
-    return MAGIC + part * (10_000_000 // len(part))
+    """About four megabytes of it."""
+    return MAGIC + part * (4_000_000 // len(part))
 
 
 NAME = "\U0001f600".encode() * 100

@@ -23,7 +23,8 @@ from tests.io.grams import START_NS, STREAMS, Gram, read, videos, write
 GRAMS = [Gram(payload, START_NS + i * 10**7, STREAMS[i % 2]) for i, payload in enumerate(videos(200))]
 NAMES = {
     "x.cat240": "raw", "x.ast": "raw", "x.asterix": "raw", "x.raw": "raw", "x.BIN": "raw", "x.pcap": "pcap",
-    "x.cap": "pcap", "10.0.0.1.pcap": "pcap", "x.final": "final", "x.astfin": "final", "x.mcap": "mcap", "x.final.pcap": "pcap",
+    "x.cap": "pcap", "10.0.0.1.pcap": "pcap", "x.final": "final", "x.astfin": "final", "x.mcap": "mcap",
+    "x.final.pcap": "pcap",
 }  # fmt: skip
 
 
