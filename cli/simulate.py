@@ -1,4 +1,4 @@
-"""`maritrack simulate`: a scene as a CAT240 recording with its truth."""
+"""`maritrack simulate`: a scene as a CAT240 recording with its truth, AIS and labels."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import typer
 from . import options as opt
 from . import render
 
-HELP = """A simulated radar's recording of a scene: REC.cat240, and REC.truth.json beside it.
+HELP = """A simulated radar's recording of a scene: REC.cat240, and beside it what was true.
 
-Equal scene, seed and scans give equal octets.
+REC.truth.json holds every object, REC.ais.csv what AIS told of those that have it, REC.labels.parquet whose echo
+each cell is (scan, spoke, cell, object; noise and sea have no rows). Equal scene, seed and scans give equal octets.
 
 Examples:
 
     maritrack simulate harbour -o harbour.cat240
+
+    maritrack simulate far-field -o far.cat240 --scans 240 --no-labels
 
     maritrack simulate my-scene.toml -o rec.cat240 --seed 7 --scans 100
 
@@ -35,6 +38,8 @@ def simulate(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The recording to write.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and clutter.")] = 1,
     scans: Annotated[int | None, typer.Option("--scans", min=1, help="Rotations; by default the scene's.")] = None,
+    ais: Annotated[bool, typer.Option("--ais/--no-ais", help="Write REC.ais.csv.")] = True,
+    labels: Annotated[bool, typer.Option("--labels/--no-labels", help="Write REC.labels.parquet.")] = True,
     list_: Annotated[bool, typer.Option("--list", help="Names of the scenes.")] = False,
     json_: opt.Json = False,
     quiet: opt.Quiet = False,
@@ -51,9 +56,13 @@ def simulate(
         raise UsageError("say which scene and where to: SCENE -o REC", hint="scenes: " + ", ".join(scene_names()))
     loaded = load_scene(scene)
     with render.steps("scan", quiet=quiet) as tick:
-        written = write(loaded, out, seed=seed, scans=scans, progress=tick)
+        written = write(loaded, out, seed=seed, scans=scans, ais=ais, labels=labels, progress=tick)
     if json_:
         render.emit_json(written)
     else:
         print(f"{written['recording']}: {written['scans']} scans, {written['octets']} octets")
         print(f"{written['truth']}: {written['objects']} objects, {written['truth_rows']} rows")
+        if ais:
+            print(f"{written['ais']}: {written['ais_reports']} reports")
+        if labels:
+            print(f"{written['labels']}: {written['labelled_cells']} cells")

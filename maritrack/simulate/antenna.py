@@ -45,6 +45,7 @@ class RadarSettings:
     floor_db: float  # over noise: video 0
     full_db: float  # over noise: video 255
     threshold: int = 1  # video below this is sent as 0
+    sparse_noise: bool = False  # draw only the noise that passes the threshold: same law, other random numbers
 
     def __post_init__(self) -> None:
         for name in ("turn_s", "spokes", "beam_deg", "cells", "cell_m", "pulse_m", "unit_range_m", "looks"):
@@ -52,6 +53,8 @@ class RadarSettings:
                 raise ConfigError(f"radar: {name} must be greater than 0")
         if not (self.full_db > self.floor_db and 0 <= self.threshold <= 255 and self.first_cell >= 0):
             raise ConfigError("radar: full_db > floor_db, 0 <= threshold <= 255 and first_cell >= 0")
+        if self.sparse_noise and self.threshold < 1:
+            raise ConfigError("radar: sparse_noise and a threshold of 1 or more belong together")
 
     @property
     def edges_m(self) -> FloatArray:
@@ -75,6 +78,18 @@ class RadarSettings:
     def times_s(self, k: int, per_spoke: int = 1) -> FloatArray:
         """When the beam of turn k points there."""
         return np.asarray(self.turn_s * (k + self.azimuths_rad(per_spoke) / TWO_PI), dtype=np.float64)
+
+    @property
+    def gain(self) -> FloatArray:
+        """Gain of the receiver by range, (cells,)."""
+        near = np.minimum(self.centres_m / max(self.stc_range_m, self.cell_m), 1.0)
+        return np.asarray(near**self.stc_power, dtype=np.float64)
+
+    @property
+    def least_power(self) -> FloatArray:
+        """Power over noise from which a cell is shown, (cells,)."""
+        level_db = self.floor_db + (self.threshold - 0.5) * (self.full_db - self.floor_db) / 255.0
+        return np.asarray(10.0 ** (level_db / 10.0) / self.gain, dtype=np.float64)
 
     def range_law(self, range_m: FloatArray) -> FloatArray:
         """Power of 1 m^2 over noise."""

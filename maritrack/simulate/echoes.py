@@ -147,7 +147,11 @@ def fades(radar: RadarSettings, fleet: Sequence[Mover], i: int, echo: Echo, k: i
     position_m = fleet[i].course.at(t_s).position_m
     off_rad = wrap(np.arctan2(position_m[:, 0], position_m[:, 1]) - azimuth_rad)
     # a little past North, so that rounding does not part the echo of what lies due North
-    passes = k + np.floor((azimuth_rad + off_rad) / TWO_PI + 1e-9).astype(np.int64)
+    passes = np.floor((azimuth_rad + off_rad) / TWO_PI + 1e-9).astype(np.int64)
+    return np.asarray(strengths(fleet, k, seed=seed)[passes + 1, i], dtype=np.float64)
+
+
+def strengths(fleet: Sequence[Mover], k: int, *, seed: int) -> FloatArray:
+    """Strength of each vessel's echo in the pass before that of turn k, in it and in the one after, (3, n)."""
     shapes = np.array([m.vessel.fade for m in fleet])
-    drawn = {p: float((rng(seed, FADE, p + 1).standard_gamma(shapes) / shapes)[i]) for p in (k - 1, k, k + 1)}
-    return np.array([drawn[int(p)] for p in (k - 1, k, k + 1)])[passes - (k - 1)]
+    return np.stack([rng(seed, FADE, p + 1).standard_gamma(shapes) / shapes for p in (k - 1, k, k + 1)])

@@ -87,10 +87,10 @@ def _sea_mean(radar: RadarSettings, sea: Sea, azimuth_rad: FloatArray) -> FloatA
 def background(radar: RadarSettings, still: Scenery, sea: Sea, shadow: FloatArray, k: int, *, seed: int) -> FloatArray:
     """Mean power of land and sea in turn k, (spokes, cells), under what vessels let through (rays, cells)."""
     texture = rng(seed, CLUTTER, k).standard_gamma(sea.spike, still.sea.shape) / sea.spike
-    return _smear((still.land + still.sea * texture) * shadow, radar, still.per_spoke)
+    return smear((still.land + still.sea * texture) * shadow, radar, still.per_spoke)
 
 
-def _smear(field: FloatArray, radar: RadarSettings, per_spoke: int) -> FloatArray:
+def smear(field: FloatArray, radar: RadarSettings, per_spoke: int) -> FloatArray:
     """What the beam on each spoke collects from the rays about it."""
     n = len(field)
     side = math.ceil(BEAM_REACH * radar.beam_rad / TWO_PI * n)

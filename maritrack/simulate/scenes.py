@@ -14,6 +14,8 @@ from maritrack.simulate.antenna import RadarSettings
 from maritrack.simulate.scenery import Land, Sea
 from maritrack.simulate.vessels import Vessel
 
+LAND_ID = "land"  # in labels
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -40,6 +42,8 @@ class Scene:
         twice = sorted({i for i in ids if ids.count(i) > 1})
         if twice:
             raise ConfigError(f"two vessels are called '{twice[0]}'")
+        if LAND_ID in ids:
+            raise ConfigError(f"no vessel is called '{LAND_ID}': labels call land so")
 
     @property
     def start_s(self) -> float:

@@ -156,6 +156,7 @@ class Vessel:
     heading_deg: float = 0.0  # where there is one waypoint only
     depart_s: float = 0.0
     accel_mps2: float = math.inf
+    ais: bool = True  # tells others where it is
 
     def __post_init__(self) -> None:
         for name in ("length_m", "width_m", "rcs_m2", "fade", "turn_deg_per_s", "accel_mps2"):

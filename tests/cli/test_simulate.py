@@ -10,9 +10,20 @@ from tests.cli.calling import call, spawn
 def test_a_recording_and_its_truth_are_written(tmp_path: Path) -> None:
     done = spawn("simulate", "harbour", "-o", tmp_path / "rec.cat240", "--scans", "2", "--json")
     assert done.code == 0 and done.err == "" and done.json["scans"] == 2
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["rec.cat240", "rec.truth.json"]
+    beside = ["rec.ais.csv", "rec.cat240", "rec.labels.parquet", "rec.truth.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == beside
+    assert done.json["ais_reports"] > 0 and done.json["labelled_cells"] > 0
     shown = call("show", tmp_path / "rec.cat240", "--json").json
     assert shown["scans"] == 2 and shown["truth"] > 0
+
+
+def test_ais_and_labels_are_left_out_on_request_and_change_nothing_else(tmp_path: Path) -> None:
+    call("simulate", "harbour", "-o", tmp_path / "a.cat240", "--scans", "1")
+    done = call("simulate", "harbour", "-o", tmp_path / "b.cat240", "--scans", "1", "--no-ais", "--no-labels", "--json")
+    assert sorted(p.name for p in tmp_path.glob("b.*")) == ["b.cat240", "b.truth.json"]
+    assert not {"ais", "labels", "ais_reports", "labelled_cells"} & set(done.json)
+    for kind in ("cat240", "truth.json"):
+        assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
 
 
 def test_equal_seeds_give_equal_octets(tmp_path: Path) -> None:
@@ -30,7 +41,7 @@ def test_the_sample_is_what_the_scene_makes(sample: Path, tmp_path: Path) -> Non
 
 
 def test_scenes_are_listed() -> None:
-    assert "harbour" in call("simulate", "--list").out.splitlines()
+    assert {"harbour", "near-field", "far-field"} <= set(call("simulate", "--list").out.splitlines())
     assert "harbour" in call("simulate", "--list", "--json").json["scenes"]
 
 
