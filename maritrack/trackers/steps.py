@@ -13,6 +13,7 @@ import numpy as np
 from maritrack.associate.hard import best_per_track
 from maritrack.cluster.stage import cylinder_radius_m
 from maritrack.objects import giw, matrix2
+from maritrack.objects.gate import gate
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
 from maritrack.trackers import tracklist
@@ -63,7 +64,7 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     model, most = config.model, config.tracker.pairs_per_track
     tracks, clock_back = predict(state, scan, points, config)
     d = tracks.density
-    i, j, dt_s, cut = giw.gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
+    i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
     seen = tracklist.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
     sight = Sight(tracks, np.where(seen, model.p_detect, 0.0), pairs, dt_s, clock_back, cut)

@@ -13,7 +13,9 @@ from numpy.testing import assert_allclose
 from scipy.linalg import sqrtm
 from scipy.stats import invwishart, wishart
 
+from maritrack.objects import gate as gating
 from maritrack.objects import giw, matrix2
+from maritrack.objects.gate import gate
 from maritrack.objects.giw import Giw
 from maritrack.settings import ModelConfig
 from maritrack.types import Clusters
@@ -158,7 +160,7 @@ def test_gate_equals_its_definition(seed: int, dt: float) -> None:
     z = clusters(rng.normal(0, 90, (8, 2)), spd(rng, 8, 2, 20.0))
     z = replace(z, t_ns=np.full(8, round(dt * 1e9)))
     dt = round(dt * 1e9) * 1e-9
-    i, j, seconds, cut = giw.gate(d, z, np.zeros(6, np.int64), 9.21, EXTENDED)
+    i, j, seconds, cut = gate(d, z, np.zeros(6, np.int64), 9.21, EXTENDED)
     assert cut == 0 and np.allclose(seconds, dt)
     H = np.array([[1, 0, dt, 0], [0, 1, 0, dt]])
     inside = set()
@@ -174,12 +176,12 @@ def test_gate_equals_its_definition(seed: int, dt: float) -> None:
 def test_gate_in_blocks_is_the_gate_and_a_crowd_is_cut_to_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(2)
     d, z = objects(rng, 9, extent=True), clusters(rng.normal(0, 40, (30, 2)), spd(rng, 30, 2, 20.0))
-    whole = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
-    monkeypatch.setattr(giw, "BLOCK", 60)
-    blocks = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    whole = gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    monkeypatch.setattr(gating, "BLOCK", 60)
+    blocks = gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
     assert all((a == b).all() for a, b in zip(whole[:3], blocks[:3], strict=True))
-    monkeypatch.setattr(giw, "NEAREST", 3)
-    i, j, _, cut = giw.gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
+    monkeypatch.setattr(gating, "NEAREST", 3)
+    i, j, _, cut = gate(d, z, np.zeros(9, np.int64), 9.21, EXTENDED)
     assert np.bincount(i).max() == 3 and cut == len(whole[0]) - len(i)
     S = (
         giw.predicted_centroid(d, whole[0], np.zeros(len(whole[0])))
@@ -216,7 +218,7 @@ def test_extent_of_a_filled_ellipse_settles_at_its_axes() -> None:
 def test_no_cluster_and_no_object_are_normal() -> None:
     none = giw.birth(clusters(np.zeros((0, 2)), np.zeros((0, 2, 2))), EXTENDED)
     z = clusters(np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    i, j, _, _ = giw.gate(none, z, np.zeros(0, np.int64), 9.21, EXTENDED)
+    i, j, _, _ = gate(none, z, np.zeros(0, np.int64), 9.21, EXTENDED)
     assert len(none) == len(i) == len(j) == 0
     assert len(giw.update(none, z, all_pairs(none, z, EXTENDED), np.zeros(0), np.zeros(0), EXTENDED)) == 0
 
@@ -281,5 +283,20 @@ def test_a_crowd_that_is_nearer_but_outside_the_ellipse_hides_nobody() -> None:
     d = Giw(np.zeros((1, 4)), P, np.zeros((1, 2, 2)), np.full(1, 4.0))
     beside = np.stack([np.linspace(-20, 20, 700), np.full(700, 90.0)], 1)
     z = clusters(np.concatenate([beside, [[300.0, 0.0]]]), np.tile(np.eye(2), (701, 1, 1)))
-    i, j, _, cut = giw.gate(d, z, np.zeros(1, np.int64), 9.21, POINT)
+    i, j, _, cut = gate(d, z, np.zeros(1, np.int64), 9.21, POINT)
     assert (i.tolist(), j.tolist(), cut) == ([0], [700], 0)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.integers(1, 120), st.integers(1, 90), st.floats(50, 5000))
+def test_a_large_scene_is_gated_strip_by_strip_with_the_same_result(seed: int, n: int, c: int, side_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    d = replace(objects(rng, n, extent=True), x=rng.normal(0, [side_m, side_m, 8, 8], (n, 4)))
+    z = clusters(rng.normal(0, side_m, (c, 2)), spd(rng, c, 2, 20.0))
+    z = replace(z, t_ns=rng.integers(-(10**9), 10**9, c))
+    t_ns = rng.integers(-(10**9), 10**9, n)
+    whole = gate(d, z, t_ns, 9.21, EXTENDED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gating, "BLOCK", 20)
+        strips = gate(d, z, t_ns, 9.21, EXTENDED)
+    assert all((a == b).all() for a, b in zip(whole[:3], strips[:3], strict=True)) and whole[3] == strips[3]
