@@ -22,13 +22,24 @@ import numpy as np
 
 from maritrack.errors import InputError
 from maritrack.geo import C_MPS
-from maritrack.io.cat240_cells import ROW, Cells, Rows, cell_type, common_cells, exact_cells, take_rows
+from maritrack.io.cat240_cells import (
+    ROW,
+    Cells,
+    Rows,
+    cell_type,
+    exact_cells,
+    keep_memory,
+    keys_of,
+    start_cells,
+    take_rows,
+)
 from maritrack.io.cat240_exact import Summary, Video, parse_block
 from maritrack.io.cat240_items import Trouble
 from maritrack.io.cat240_order import Memory, screen
 from maritrack.io.cat240_scan import Chain, Found, scan
 from maritrack.io.datagrams import NO_TIME
 from maritrack.io.framing import Window, pieces, window
+from maritrack.io.parallel import Inflater, ahead, inflater
 from maritrack.io.radials import Batch, Radials, Text
 from maritrack.types import BoolArray, Damage, IntArray
 
@@ -53,12 +64,28 @@ class Part(NamedTuple):
     packed: IntArray | None  # (n,) octets of the cells of each radial, as sent
 
 
+class _Stretch(NamedTuple):
+    """A stretch of a window that makes a part; places count from the start of the window."""
+
+    w: Window
+    start: int
+    end: int
+    rows: Rows
+    affordable: BoolArray
+    usual: IntArray  # index of the rows whose cells are under way
+    cells: Callable[[], tuple[Cells, BoolArray]] | None  # theirs, and which of them failed
+    videos: list[Video]  # that rows refer to
+    damage: list[Damage]
+    summaries: list[Summary]
+
+
 @dataclass(slots=True)
 class _State:
     """What the reader carries along the input."""
 
     chain: Chain
     cells: bool  # are wanted
+    inflater: Inflater
     stream_of: Callable[[IntArray], IntArray] | None  # of octets of the input, None = there is one stream
     inflated: int = 0  # cells
     trusting: bool = True  # no stream has inflated to more than it declared
@@ -75,6 +102,7 @@ def read_batches(
     stream_of: Callable[[IntArray], IntArray] | None = None,
     start: int = 0,
     memories: dict[int, Memory] | None = None,
+    workers: int = 1,
 ) -> Iterator[Batch]:
     """The radials of a CAT240 stream, cut into `chunks` anywhere, in batches whose octets add up to the input.
 
@@ -82,10 +110,14 @@ def read_batches(
     InputError, which calls the input `name`. `fast=False` reads every record the exact way, with the same result.
     Without `cells` there are headers alone: `n_cells` as declared, and what is wrong with cells isn't seen.
     `stream_of` tells the stream of each of some octets of the input, where it is joined from several.
+    With several `workers` as many processes inflate, and the input is read some batches ahead; the result is the same.
     To go on in the middle: `start` is the first octet, at which a data block should begin, and `memories` are of the
     records before it.
     """
-    for part in read_parts(chunks, fast=fast, cells=cells, stream_of=stream_of, start=start, memories=memories):
+    parts = read_parts(
+        chunks, fast=fast, cells=cells, stream_of=stream_of, start=start, memories=memories, workers=workers
+    )
+    for part in parts:
         damage = _summed(part.damage)
         if strict and damage:
             refuse(damage[0], name)
@@ -125,29 +157,38 @@ def read_parts(
     stream_of: Callable[[IntArray], IntArray] | None = None,
     start: int = 0,
     memories: dict[int, Memory] | None = None,
+    workers: int = 1,
 ) -> Iterator[Part]:
     """What `read_batches` and `dump_records` are made of."""
-    state = _State(Chain(fast), cells, stream_of, sensors={} if memories is None else memories)
-    rest, base = b"", start
+    keep_memory()
+    with inflater(workers) as one:
+        state = _State(Chain(fast), cells, one, stream_of, sensors={} if memories is None else memories)
+        for stretch in ahead(_stretches(chunks, start, state), one):
+            yield _part(stretch, state)
+
+
+def _stretches(chunks: Iterable[bytes | memoryview], base: int, state: _State) -> Iterator[_Stretch]:
+    """The input from octet `base` on, cut into what makes a part each; the inflation of their cells is under way."""
+    rest = b""
     for piece in pieces(chunks):
         w = window(base, b"".join((rest, piece)), final=False)
         end = 0
-        for part in _read_window(w, state):
-            end += part.span
-            yield part
+        for stretch in _stretches_of(w, state):
+            end = stretch.end
+            yield stretch
         rest, base = w.data[end:], base + end
-    yield from _read_window(window(base, rest, final=True), state)
+    yield from _stretches_of(window(base, rest, final=True), state)
 
 
-def _read_window(w: Window, state: _State) -> Iterator[Part]:
+def _stretches_of(w: Window, state: _State) -> Iterator[_Stretch]:
     at = 0
     while (found := scan(w, at, state.chain)).end > at:
-        yield from _deliver(w, at, found, state)
+        yield from _cut(w, at, found, state)
         at = found.end
 
 
-def _deliver(w: Window, start: int, found: Found, state: _State) -> Iterator[Part]:
-    """The parts that make up the stretch of the window from `start` on."""
+def _cut(w: Window, start: int, found: Found, state: _State) -> Iterator[_Stretch]:
+    """The stretches that make up the window from `start` on, as far as it was scanned."""
     rows = found.rows[0] if len(found.rows) == 1 else np.concatenate([np.zeros(0, dtype=ROW), *found.rows])
     affordable = _charge(w, rows, state)
     damage = sorted(found.damage, key=lambda one: one.offset)
@@ -160,16 +201,28 @@ def _deliver(w: Window, start: int, found: Found, state: _State) -> Iterator[Par
         pairwise([0, *summaries_upto, len(found.summaries)]), strict=True,
     )  # fmt: skip
     for (first, last), (begin, end), (told, upto), (said, until) in cuts:
-        radials, troubles, videos, packed = _radials(w, rows[first:last], affordable[first:last], found.videos, state)
-        here = sorted([*damage[told:upto], *troubles], key=lambda one: one.offset)
-        octets = w.data[begin:end] if state.cells else b""
-        said_here = found.summaries[said:until]
-        yield Part(w.base + begin, octets, end - begin, radials, here, videos, said_here, w.base, packed)
+        here, can = rows[first:last], affordable[first:last]
+        index = np.flatnonzero((here["record"] < 0) & can)
+        usual = here if len(index) == len(here) else take_rows(here, index)
+        cells = start_cells(w, usual, state.inflater, trusting=state.trusting) if state.cells and len(usual) else None
+        summaries = found.summaries[said:until]
+        yield _Stretch(w, begin, end, here, can, index, cells, found.videos, damage[told:upto], summaries)
+
+
+def _part(one: _Stretch, state: _State) -> Part:
+    """What a stretch gives."""
+    radials, troubles, videos, packed = _radials(one, state)
+    damage = sorted([*one.damage, *troubles], key=lambda one: one.offset)
+    octets = one.w.data[one.start : one.end] if state.cells else b""
+    base, span = one.w.base, one.end - one.start
+    return Part(base + one.start, octets, span, radials, damage, videos, one.summaries, base, packed)
 
 
 def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
     """Which rows may be inflated: all, until a hostile input would grow beyond its budget."""
     affordable = np.ones(len(rows), dtype=np.bool_)
+    if not rows["compressed"].any():
+        return affordable
     charge = np.where(rows["compressed"] > 0, rows["n_cells"], 0)
     budget = np.maximum(INFLATION_FLOOR, INFLATION_RATIO * (w.base + rows["block_end"]))
     if (state.inflated + np.cumsum(charge) <= budget).all():
@@ -210,26 +263,24 @@ def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
     return [*ends[1:], stop]
 
 
-def _radials(
-    w: Window, rows: Rows, affordable: BoolArray, videos: list[Video], state: _State
-) -> tuple[Radials | None, list[Damage], list[Video], IntArray | None]:
+def _radials(one: _Stretch, state: _State) -> tuple[Radials | None, list[Damage], list[Video], IntArray | None]:
     """The radials of rows of one width in bits, what was wrong with them, their exact records if all have one, and
     the octets of their cells.
     """
+    w, rows, videos = one.w, one.rows, one.videos
     if len(rows) == 0:
         return None, [], [], None
     if state.cells:
-        cells, n_cells, troubles = _cells(w, rows, affordable, videos, state)
+        cells, n_cells, troubles = _cells(one, state)
     else:
         cells, n_cells = np.zeros((len(rows), 0), dtype=np.uint8), rows["n_cells"].copy()
         records = ((i, videos[rows["record"][i]]) for i in np.flatnonzero(rows["record"] >= 0).tolist())
         troubles = {i: list(record.troubles) for i, record in records if record.troubles}
     index = np.flatnonzero(n_cells >= 0)
     kept = rows if len(index) == len(rows) else take_rows(rows, index)
-    keys = np.stack([kept[name] for name in ("idx", "start_az", "end_az", "start_rg")], axis=1)
     sensor = kept["sac"] << 8 | kept["sic"]
     stream = np.zeros(len(kept), dtype=np.int64) if state.stream_of is None else state.stream_of(w.base + kept["block"])
-    duplicate, backwards = screen(state.sensors, sensor=stream << 16 | sensor, keys=keys, tod=kept["tod"])
+    duplicate, backwards = screen(state.sensors, sensor=stream << 16 | sensor, keys=keys_of(kept), tod=kept["tod"])
     for i in index[duplicate].tolist():
         troubles[i] = [("duplicate", f"message {rows['idx'][i]} was there before")]
     for i in index[backwards].tolist():
@@ -253,23 +304,19 @@ def _radials(
     )
 
 
-def _cells(
-    w: Window, rows: Rows, affordable: BoolArray, videos: list[Video], state: _State
-) -> tuple[Cells, IntArray, dict[int, list[Trouble]]]:
+def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, list[Trouble]]]:
     """Cells (n, most), how many each row has (-1 = the row is dropped), and the troubles of row i."""
+    w, rows, affordable, videos = one.w, one.rows, one.affordable, one.videos
     n_cells = rows["n_cells"].copy()
     troubles: dict[int, list[Trouble]] = {}
-    usual = (rows["record"] < 0) & affordable
-    if usual.all():
-        cells, failed = common_cells(w, rows, trusting=state.trusting)
-        usual = ~failed
+    usual = np.zeros(len(rows), dtype=np.bool_)
+    some, failed = one.cells() if one.cells is not None else (np.zeros((0, 0), dtype=np.uint8), usual[:0])
+    usual[one.usual] = ~failed
+    if len(one.usual) == len(rows):
+        cells = some
     else:
         cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"][0])))
-        index = np.flatnonzero(usual)
-        if len(index):
-            some, failed = common_cells(w, take_rows(rows, index), trusting=state.trusting)
-            cells[index, : some.shape[1]] = some
-            usual[index[failed]] = False
+        cells[one.usual, : some.shape[1]] = some
     for i in np.flatnonzero(~usual).tolist():
         if not affordable[i]:
             n_cells[i], troubles[i] = -1, [("inflation-budget", "the input inflates to too many cells")]

@@ -7,6 +7,8 @@ all blocks of the usual make at once; the others come from `maritrack.io.cat240_
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,24 +17,29 @@ from numpy.typing import NDArray
 from maritrack.io.cat240_exact import INFLATION, MAX_CELLS, TOD_PER_DAY, Video
 from maritrack.io.cat240_items import Trouble
 from maritrack.io.framing import Window
+from maritrack.io.parallel import Inflated, Inflater
 from maritrack.types import BoolArray, IntArray
 
 Cells = NDArray[np.unsignedinteger[Any]]
 Rows = NDArray[np.void]  # of ROW
 
-ROW = np.dtype([(name, np.int64) for name in (
+COLUMNS = (
     "block", "block_end", "at", "sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "femto",
     "compressed", "bits", "tod", "n_cells", "first", "octets",
     "record",  # index of the exact record, -1 = of the usual make
-)])  # fmt: skip
+)  # fmt: skip
+ROW = np.dtype([(name, np.int64) for name in COLUMNS])
 HEAD = np.dtype([
     ("cat", "u1"), ("len", ">u2"), ("fspec", "u1", 2), ("sac", "u1"), ("sic", "u1"), ("kind", "u1"), ("idx", ">u4"),
     ("start_az", ">u2"), ("end_az", ">u2"), ("start_rg", ">u4"), ("cell_dur", ">u4"), ("flags", "u1"), ("res", "u1"),
     ("nbvb", ">u2"), ("nbcells_high", "u1"), ("nbcells_low", ">u2"), ("rep", "u1"),
 ])  # fmt: skip
+KEYS = slice(COLUMNS.index("idx"), COLUMNS.index("start_rg") + 1)
+VARYING = ("len", "idx", "start_az", "end_az", "nbvb", "rep")  # from record to record of one sensor
 FEMTO, NANO = 0xE7, 0xEB  # first octets of FSPEC: 010, 000, 020, then 041 or 040, 048
+FREE_OCTETS = 16_384  # of a stream that may be inflated without a bound: to 16 MiB at most
+KEPT = 16 << 20  # octets; twice as many are kept
 TOD, VENDOR = 0x08, 0x06  # bits of the second
-FREE_OCTETS = 4096  # of a stream that may be inflated without a bound: to 4 MiB at most
 
 
 def _repetition_octets() -> IntArray:
@@ -44,7 +51,17 @@ def _repetition_octets() -> IntArray:
     return table
 
 
+def _same_bits() -> NDArray[np.uint64]:
+    """Bits of the words of a head that are the same in all records of a sensor."""
+    mask = np.full(HEAD.itemsize, 255, dtype=np.uint8).view(HEAD)
+    for name in VARYING:
+        mask[name] = 0
+    return mask.view(np.uint64)
+
+
 REPETITION = _repetition_octets()
+SAME = _same_bits()
+SAME_WORDS = np.flatnonzero(SAME).tolist()
 BITS_OF_RES = np.array([0, 1, 2, 4, 8, 16, 32] + [0] * 249, dtype=np.int64)  # 0 = there is none
 
 
@@ -55,47 +72,70 @@ def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
     Rows of other blocks are without meaning.
     """
     begin, end = starts[:-1], starts[1:]
-    rows = np.empty(len(begin), dtype=ROW)
-    if len(w.data) < HEAD.itemsize:
-        return np.zeros(len(begin), dtype=np.bool_), rows
+    n = len(begin)
+    if n == 0 or len(w.data) < HEAD.itemsize:
+        return np.zeros(n, dtype=np.bool_), np.empty(n, dtype=ROW)
     roomy = end - begin >= HEAD.itemsize
-    head = gather(w, np.where(roomy, begin, 0), HEAD.itemsize).view(HEAD)[:, 0]
-    for name in ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur"):
+    octets = gather(w, np.where(roomy, begin, 0), HEAD.itemsize)
+    head = octets.view(HEAD)[:, 0]
+    made = head[:1] if _alike(octets) else head  # what holds of one of them holds of all
+    sound, base = _bases(made)
+    rows = np.repeat(base, n // len(base))
+    for name in ("idx", "start_az", "end_az"):
         rows[name] = head[name]
     rows["block"], rows["block_end"], rows["at"], rows["record"] = begin, end, begin + 3, -1
-    femto = head["fspec"][:, 0] == FEMTO
-    rows["femto"] = femto
-    rows["compressed"] = head["flags"] >> 7
-    rows["bits"] = BITS_OF_RES[head["res"]]
-    rows["n_cells"] = head["nbcells_high"].astype(np.int64) << 16 | head["nbcells_low"]
     rows["first"], rows["octets"] = begin + HEAD.itemsize, head["nbvb"]
-    tail_fits, rows["tod"] = _tails(w, head, begin, end)
+    tail_fits, rows["tod"] = _tails(w, head, made["fspec"][:, 1], starts)
+    spans = (rows["end_az"] - rows["start_az"]) % 65_536
+    usual = roomy & sound & (spans <= 32_768) & tail_fits & (rows["tod"] < TOD_PER_DAY)
+    return usual & _agreeing(base, rows["octets"]), rows
+
+
+def _alike(octets: NDArray[np.uint8]) -> bool:
+    """Whether the heads (n, 32) differ in nothing but VARYING."""
+    words = octets.view(np.uint64)
+    return all(bool((words[:, i] & SAME[i] == words[0, i] & SAME[i]).all()) for i in SAME_WORDS)
+
+
+def _bases(head: Rows) -> tuple[BoolArray, Rows]:
+    """What heads (k,) say that isn't VARYING, as rows, and whether that is of the usual make."""
+    rows = np.zeros(len(head), dtype=ROW)
+    for name in ("sac", "sic", "start_rg", "cell_dur"):
+        rows[name] = head[name]
+    femto = head["fspec"][:, 0] == FEMTO
+    rows["femto"], rows["compressed"], rows["bits"] = femto, head["flags"] >> 7, BITS_OF_RES[head["res"]]
+    rows["n_cells"] = head["nbcells_high"].astype(np.int64) << 16 | head["nbcells_low"]
     known = femto | (head["fspec"][:, 0] == NANO)
-    sound = (head["kind"] == 2) & (rows["bits"] > 0) & (rows["cell_dur"] > 0)
-    sound &= (rows["end_az"] - rows["start_az"]) % 65_536 <= 32_768
-    return roomy & known & sound & tail_fits & (rows["tod"] < TOD_PER_DAY) & _agreeing(rows), rows
+    return known & (head["kind"] == 2) & (rows["bits"] > 0) & (rows["cell_dur"] > 0), rows
 
 
-def _tails(w: Window, head: Rows, begin: IntArray, end: IntArray) -> tuple[BoolArray, IntArray]:
-    """Whether video block, time and vendor item fill the block to its end, and the times (-1 = none)."""
-    second = head["fspec"][:, 1]
+def _tails(w: Window, head: Rows, second: NDArray[np.uint8], starts: IntArray) -> tuple[BoolArray, IntArray]:
+    """Whether video block, time and vendor item fill the block to its end, and the times (-1 = none).
+
+    `second` (k,) are the second octets of FSPEC, of all heads or of each.
+    """
+    begin, end = starts[:-1], starts[1:]
+    timed, has_vendor = second & TOD > 0, second & VENDOR > 0
     room = head["rep"] * REPETITION[second]
     at = begin + HEAD.itemsize + room
-    last = len(w.u8) - 1
-    timed = second & TOD > 0
-    octets = [w.u8[np.minimum(at + i, last)].astype(np.int64) for i in range(3)]
-    at = at + 3 * timed
-    vendor = np.where(second & VENDOR > 0, np.maximum(w.u8[np.minimum(at, last)], 1), 0)
-    fits = (REPETITION[second] > 0) & (at + vendor == end) & (head["nbvb"] <= room)
-    empty = (second & VENDOR > 0) & (w.u8[np.minimum(at, last)] == 0)
-    return fits & ~empty, np.where(timed, octets[0] << 16 | octets[1] << 8 | octets[2], -1)
+    fits = (REPETITION[second] > 0) & (head["nbvb"] <= room)
+    tod = np.full(len(head), -1)
+    if timed.any():
+        four = gather(w, np.minimum(at, len(w.data) - 3) - 1, 4).view(">u4")[:, 0]
+        tod = np.where(timed, four & 0xFFFFFF, -1)
+        at += 3 * timed
+    if has_vendor.any():
+        vendor = np.where(has_vendor, w.u8[np.minimum(at, len(w.data) - 1)], 0)
+        fits &= ~has_vendor | (vendor > 0)
+        at += vendor
+    return fits & (at == end), tod
 
 
-def _agreeing(rows: Rows) -> BoolArray:
+def _agreeing(base: Rows, octets: IntArray) -> BoolArray:
     """Whether the number of cells and the number of octets can both be true."""
-    needed = rows["n_cells"] * rows["bits"] + 7 >> 3
-    possible = (rows["n_cells"] > 0) & (rows["n_cells"] <= MAX_CELLS) & (needed <= INFLATION * rows["octets"])
-    agree: BoolArray = np.where(rows["compressed"] > 0, possible, rows["octets"] == needed)
+    needed = base["n_cells"] * base["bits"] + 7 >> 3
+    possible = (base["n_cells"] > 0) & (base["n_cells"] <= MAX_CELLS)
+    agree: BoolArray = np.where(base["compressed"] > 0, possible & (needed <= INFLATION * octets), octets == needed)
     return agree
 
 
@@ -182,38 +222,74 @@ def _inflate_bare(packed: bytes, most: int) -> bytes:
     return octets if stream.eof and len(octets) == most and not stream.unused_data else b""
 
 
-def common_cells(w: Window, rows: Rows, *, trusting: bool) -> tuple[Cells, BoolArray]:
-    """Cells (n, most) of usual rows, all of one width in bits, and which rows failed (theirs are without meaning).
+def keep_memory() -> None:
+    """Let what is freed be used again instead of being given back and asked for again, which takes longer than reading.
 
-    `trusting`: as long as all goes well, inflate without a bound but deflate's own.
+    The memory allocator of Linux (glibc) learns from the release of a large block that such blocks come and go.
+    Memory that isn't touched costs nothing.
     """
-    bits, counts = int(rows["bits"][0]), rows["n_cells"]
-    kinds = counts << 1 | rows["compressed"]  # rows of one kind are read together
-    failed = np.zeros(len(rows), dtype=np.bool_)
-    if (kinds == kinds[0]).all():
-        return _cells_of_kind(w, rows, failed, trusting=trusting), failed
-    cells = np.zeros((len(rows), int(counts.max())), dtype=cell_type(bits))
+    np.empty(KEPT, dtype=np.uint8)
+
+
+def keys_of(rows: Rows) -> IntArray:
+    """MSG_INDEX, azimuths and START_RG of rows, (n, 4)."""
+    return rows.view(np.int64).reshape(len(rows), len(COLUMNS))[:, KEYS]
+
+
+def start_cells(w: Window, rows: Rows, inflater: Inflater, *, trusting: bool) -> Callable[[], tuple[Cells, BoolArray]]:
+    """Set out for the cells of usual rows, all of one width in bits; call it to have them.
+
+    They are cells (n, most) and which rows failed, whose cells are without meaning. `trusting`: as long as all goes
+    well, inflate without a bound but deflate's own.
+    """
+    kinds = rows["n_cells"] << 1 | rows["compressed"]  # rows of one kind are read together
+    if len(rows) and (kinds == kinds[0]).all():
+        return _cells_of_kind(w, rows, inflater, trusting=trusting)
     order = np.argsort(kinds, kind="stable")
-    for index in np.split(order, np.flatnonzero(np.diff(kinds[order])) + 1):
-        n, failures = int(counts[index[0]]), np.zeros(len(index), dtype=np.bool_)
-        cells[index, :n] = _cells_of_kind(w, take_rows(rows, index), failures, trusting=trusting)
-        failed[index] = failures
+    groups = np.split(order, np.flatnonzero(np.diff(kinds[order])) + 1) if len(rows) else []
+    started = [(index, _cells_of_kind(w, take_rows(rows, index), inflater, trusting=trusting)) for index in groups]
+    return partial(_put_together, rows, started)
+
+
+def _put_together(
+    rows: Rows, started: list[tuple[IntArray, Callable[[], tuple[Cells, BoolArray]]]]
+) -> tuple[Cells, BoolArray]:
+    """The cells of rows of several kinds."""
+    width = cell_type(int(rows["bits"][0])) if len(rows) else np.dtype(np.uint8)
+    cells = np.zeros((len(rows), int(rows["n_cells"].max(initial=0))), dtype=width)
+    failed = np.zeros(len(rows), dtype=np.bool_)
+    for index, finish in started:
+        some, failures = finish()
+        cells[index, : some.shape[1]], failed[index] = some, failures
     return cells, failed
 
 
-def _cells_of_kind(w: Window, rows: Rows, failed: BoolArray, *, trusting: bool) -> Cells:
-    """Cells (m, n) of rows with as many cells each, all compressed or none; the failing ones are marked."""
+def _cells_of_kind(
+    w: Window, rows: Rows, inflater: Inflater, *, trusting: bool
+) -> Callable[[], tuple[Cells, BoolArray]]:
+    """Set out for the cells (m, n) of rows with as many cells each, all compressed or none."""
     n, bits = int(rows["n_cells"][0]), int(rows["bits"][0])
     octets = n * bits + 7 >> 3
+    if octets and rows["compressed"][0]:
+        freely = trusting and bool(rows["octets"].max() <= FREE_OCTETS)
+        start = inflater.start(w.data, rows["first"], rows["first"] + rows["octets"], octets, freely=freely)
+        return partial(_inflated_cells, start, bits, n)
+    return partial(_plain_cells, w, rows, octets)
+
+
+def _inflated_cells(inflated: Callable[[], Inflated], bits: int, n: int) -> tuple[Cells, BoolArray]:
+    packed, wrong = inflated()
+    failed = np.zeros(len(packed), dtype=np.bool_)
+    failed[wrong] = True
+    return unpack(packed, bits=bits, n=n), failed
+
+
+def _plain_cells(w: Window, rows: Rows, octets: int) -> tuple[Cells, BoolArray]:
+    n, bits = int(rows["n_cells"][0]), int(rows["bits"][0])
+    failed = np.zeros(len(rows), dtype=np.bool_)
     if octets == 0:
-        return np.zeros((len(rows), 0), dtype=cell_type(bits))
-    if not rows["compressed"][0]:
-        return unpack(gather(w, rows["first"], octets), bits=bits, n=n)
-    packed = np.empty((len(rows), octets), dtype=np.uint8)
-    done = _inflate_freely(w, rows, packed) if trusting and rows["octets"].max() <= FREE_OCTETS else 0
-    if done < len(rows):
-        _inflate_bounded(w, rows[done:], packed[done:], failed[done:])
-    return unpack(packed, bits=bits, n=n)
+        return np.zeros((len(rows), 0), dtype=cell_type(bits)), failed
+    return unpack(gather(w, rows["first"], octets), bits=bits, n=n), failed
 
 
 def gather(w: Window, first: IntArray, n: int) -> NDArray[np.uint8]:
@@ -226,35 +302,3 @@ def gather(w: Window, first: IntArray, n: int) -> NDArray[np.uint8]:
 def take_rows(rows: Rows, index: IntArray) -> Rows:
     """`rows[index]`, without copying field by field."""
     return rows.view(f"V{ROW.itemsize}")[index].view(ROW)
-
-
-def _inflate_freely(w: Window, rows: Rows, packed: NDArray[np.uint8]) -> int:
-    """Inflate the streams of rows into `packed` (m, n), up to the first that doesn't give n octets; its index.
-
-    A tenth faster than the bounded way, and only one stream of a recording can grow beyond what it declares.
-    """
-    n, size = packed.shape[1], packed.shape[1] + 1
-    target, source, inflate = packed.data.cast("B"), memoryview(w.data), zlib.decompress
-    to = 0
-    try:
-        for first, stop in zip(rows["first"].tolist(), (rows["first"] + rows["octets"]).tolist(), strict=True):
-            target[to : to + n] = inflate(source[first:stop], 15, size)
-            to += n
-    except (zlib.error, ValueError):  # ValueError: not n octets
-        pass
-    return int(to // n)
-
-
-def _inflate_bounded(w: Window, rows: Rows, packed: NDArray[np.uint8], failed: BoolArray) -> None:
-    """Inflate the streams of rows into `packed` (m, n), never more than that; those that don't fit are marked."""
-    n = packed.shape[1]
-    target, source = packed.data.cast("B"), memoryview(w.data)
-    spans = zip(rows["first"].tolist(), (rows["first"] + rows["octets"]).tolist(), strict=True)
-    for i, (first, stop) in enumerate(spans):
-        stream = zlib.decompressobj()
-        try:
-            target[i * n : i * n + n] = stream.decompress(source[first:stop], n + 1)
-        except (zlib.error, ValueError):  # ValueError: not n octets
-            failed[i] = True
-        else:
-            failed[i] = not stream.eof
