@@ -21,7 +21,8 @@ HELP = """A CAT240 recording into another container, whole or in part, without l
 
 IN is told by its content: data blocks as they are, pcap, pcapng, FINAL or MCAP, each also gzipped, or the archive
 of a run, whose recording is taken out again. OUT is told by its extension: .pcap, .final, .mcap,
-.cat240 (data blocks as they are), or by --to; .gz on top compresses it. "-" is standard input and standard output (data blocks as they are).
+.cat240 (data blocks as they are), or by --to; .gz on top compresses it. "-" is standard input and standard output
+(data blocks as they are).
 
 --compress and --no-compress recode the cells of each video record, all else stays octet for octet. A record whose
 cells are damaged or don't fit stays as it is and is counted.

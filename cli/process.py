@@ -58,6 +58,7 @@ def process(
     limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     strict: Annotated[bool, opt.given("--strict", "Stop at the first damage in the input.")] = False,
+    workers: Annotated[int, opt.given("--workers", "Processes that inflate compressed video.")] = 1,
     out: opt.Out = None,
     no_rrd: Annotated[bool, opt.output("--no-rrd", "No picture.")] = False,
     no_mcap: Annotated[bool, opt.output("--no-mcap", "No archive.")] = False,
@@ -68,10 +69,13 @@ def process(
 ) -> None:  # fmt: skip
     """Parse, run, render."""
     from maritrack.config import load_config
+    from maritrack.errors import UsageError
     from maritrack.job import Job, execute
     from maritrack.manifest import input_digest
     from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
 
+    if workers < 1:
+        raise UsageError(f"--workers {workers}: starts at 1")
     octets = open_inputs(inputs)
     kinds = kinds_of(octets)
     chosen = preset or default_preset(kinds)
@@ -96,7 +100,7 @@ def process(
         octets=octets, kinds=kinds, side=side, config=settings,
         input_sha256=[input_digest(o, p) for o, p in zip(octets, inputs, strict=True)],
         name="stdin" if str(inputs[0]) == "-" else inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap,
-        strict=strict, force=force,
+        strict=strict, force=force, workers=workers,
     )  # fmt: skip
     render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
     scans = settings.input.limit

@@ -55,7 +55,7 @@ def _sensor(s: Row) -> Iterator[tuple[str, str]]:
                 f"{s['period_most_s']:.4f} s"
             ),
         )
-        yield "jitter", f"{_ms(s['period_jitter_s'])} (standard deviation {_ms(s['period_std_s'])})"
+        yield "jitter", f"{_ms(s['period_jitter_s'])} standard deviation, {_ms(s['period_spread_s'])} without outliers"
     yield "records", f"{s['records']}" if s["records"] == s["spokes"] else f"{s['records']} of {s['spokes']} spokes"
     if s["spokes_per_turn"] is not None:
         width = f", {s['spoke_width_deg']:.3g} deg wide" if s["spoke_width_deg"] else ""
@@ -126,8 +126,8 @@ def _metres(length_m: float) -> str:
     return f"{length_m:.0f} m" if length_m >= 100 or length_m == 0 else f"{length_m:.3f} m"
 
 
-def _ms(time_s: float) -> str:
-    return f"{1000 * time_s:.1f} ms"
+def _ms(time_s: float | None) -> str:
+    return "?" if time_s is None else f"{1000 * time_s:.1f} ms"
 
 
 def _octets(n: int) -> str:

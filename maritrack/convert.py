@@ -15,11 +15,14 @@ import numpy as np
 from maritrack.errors import InputError, UsageError
 from maritrack.io.cat240 import refuse
 from maritrack.io.containers import RAW, Opened, open_container
+from maritrack.io.datablocks import part_of
 from maritrack.io.datagram_times import Bound, Clock, Span, as_text, parse_window, resolve
 from maritrack.io.datagrams import Datagrams, DatagramWriter, Stream
 from maritrack.io.recode import Budget, Coding, data_blocks
-from maritrack.io.recode_rows import of_sensor, part_of, recode_datagrams
+from maritrack.io.recode_rows import recode_datagrams
+from maritrack.io.recordwalk import sensor_name
 from maritrack.io.select import subset
+from maritrack.io.sensor_filter import of_sensor
 from maritrack.io.source import Octets
 from maritrack.io.times import day_start_ns
 from maritrack.types import Damage
@@ -120,12 +123,12 @@ def convert(
     return job.counts
 
 
-def parse_sensor(text: str) -> tuple[int, int]:
-    """SAC and SIC of "SAC-SIC"."""
+def parse_sensor(text: str) -> int:
+    """SAC << 8 | SIC of "SAC-SIC"."""
     sac, dash, sic = text.partition("-")
     if not (dash and sac.isdecimal() and sic.isdecimal() and int(sac) < 256 and int(sic) < 256):
         raise UsageError(f"sensor '{text}': write SAC-SIC, two numbers up to 255, as in 7-42")
-    return int(sac), int(sic)
+    return int(sac) << 8 | int(sic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +136,7 @@ class _Wanted:
     """What is to be written, and how."""
 
     coding: Coding | None
-    sensor: tuple[int, int] | None
+    sensor: int | None
     window: tuple[Bound, Bound] | None
     strict: bool
 
@@ -183,8 +186,8 @@ class _Job:
         assert self.begun_ns is not None
         if counts.dropped[OTHERS]:
             assert self.wanted.sensor is not None
-            others = ", ".join(f"{source >> 8}-{source & 255}" for source in sorted(self.sources)[:8])
-            sensor = "{}-{}".format(*self.wanted.sensor)
+            others = ", ".join(sensor_name(source) for source in sorted(self.sources)[:8])
+            sensor = sensor_name(self.wanted.sensor)
             raise InputError(f"{self.name}: no record of sensor {sensor}" + (f"; it has {others}" if others else ""))
         lasts = f"from {as_text(self.begun_ns)} to {as_text(self.ended_ns)}"
         raise InputError(f"{self.name}: nothing in this window of time, the recording lasts {lasts}")

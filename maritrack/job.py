@@ -36,13 +36,14 @@ class Job:
     rrd: bool = True
     mcap: bool = True
     strict: bool = False
+    workers: int = 1  # processes that inflate video; they change nothing but the time
     force: bool = False
     raster_px: int = field(default=1024)
 
 
 def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, Any], bool]:
     """Run a job; its summary, and whether a finished equal run was found instead."""
-    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict)
+    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict, workers=job.workers)
     manifest = make_manifest(
         job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
         origin=recording.origin, recording=job.name,
@@ -72,7 +73,7 @@ def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, An
 
 def run_silently(job: Job, sinks: Sequence[Sink]) -> tuple[dict[str, Any], RunManifest]:
     """Run a job into given sinks, without a folder: replay, benchmarks, studies."""
-    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict)
+    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict, workers=job.workers)
     manifest = make_manifest(
         job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
         origin=recording.origin, recording=job.name,

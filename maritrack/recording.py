@@ -93,9 +93,15 @@ def default_preset(kinds: Sequence[str]) -> str:
 
 
 def open_recording(
-    octets: Sequence[Octets], kinds: Sequence[str], side: Mapping[str, bytes], config: Config, *, strict: bool = False
+    octets: Sequence[Octets],
+    kinds: Sequence[str],
+    side: Mapping[str, bytes],
+    config: Config,
+    *,
+    strict: bool = False,
+    workers: int = 1,
 ) -> Recording:
-    """Sources, poses and truth of the inputs, merged by time.
+    """Sources, poses and truth of the inputs, merged by time. Several `workers` are processes that inflate video.
 
     The origin is the fixed radar's position, else that of the truth document, else own ship's first position.
     """
@@ -113,7 +119,7 @@ def open_recording(
     sensors: Mapping[str, InputConfig] = {}
     if "sensors" in side:
         sensors = parse_sensors(side["sensors"].decode("utf-8", "replace"), name="sensors", base=settings)
-    place = _Place(settings, sensors, platform(ais, settings, origin), origin, strict)
+    place = _Place(settings, sensors, platform(ais, settings, origin), origin, strict, workers)
     sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
     if reference is None:
@@ -186,6 +192,7 @@ class _Place:
     pose: PoseTrack | None
     origin: Origin | None
     strict: bool
+    workers: int
 
     def source(self, kind: str, octets: Octets) -> Source:
         """The source of one input."""
@@ -195,7 +202,7 @@ class _Place:
             poses = {name: pose for name, own in self.sensors.items() if (pose := self._pose(own)) is not None}
             return Cat240Source(
                 octets, settings, pose=self._pose(settings), origin=self.origin, strict=self.strict,
-                sensor_configs=self.sensors, sensor_poses=poses,
+                workers=self.workers, sensor_configs=self.sensors, sensor_poses=poses,
             )  # fmt: skip
         if kind == "points":
             return PointSource(octets, settings, strict=self.strict)

@@ -20,7 +20,8 @@ Each sensor, a SAC and SIC in a stream:
     records, spokes     messages; spokes, after parts were put together
     first_time, last_time, duration_s, clock ("time of day", "receive time" or "none")
     scans               turns, as `maritrack process` counts them
-    period_s, period_jitter_s (1.4826 x median deviation), period_std_s, period_least_s, period_most_s, rotation_rpm
+    period_s, period_jitter_s (standard deviation of turns within half a period of it), period_spread_s (1.4826 x median
+                        deviation), period_least_s, period_most_s, rotation_rpm
     spokes_per_turn, spokes_least, spokes_most, spoke_width_deg     of full turns
     cell_m, cells, range_first_m, range_m, bits, header ("femto" or "nano")     of most spokes
     range_scales        different ones
@@ -248,8 +249,8 @@ def _rotation(turns: TurnCount, period: float | None, period_s: FloatArray) -> R
     near = period_s[np.abs(period_s - (period or 0.0)) <= GAP_TURNS * (period or 0.0)]
     return {
         "period_s": period,
-        "period_jitter_s": MAD_TO_SIGMA * float(np.median(np.abs(period_s - period))) if period else None,
-        "period_std_s": float(near.std()) if len(near) else None,
+        "period_jitter_s": float(near.std()) if len(near) else None,
+        "period_spread_s": MAD_TO_SIGMA * float(np.median(np.abs(period_s - period))) if period else None,
         "period_least_s": float(period_s.min()) if period else None,
         "period_most_s": float(period_s.max()) if period else None,
         "rotation_rpm": 60.0 / period if period else None,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import threading
+from bisect import bisect_left
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
@@ -49,14 +50,38 @@ class Frames(NamedTuple):
 DATA_BLOCKS = Frames(">u2", 1, 0, HEADER + 1, (0, HEADER), CAT240)
 
 
+class Marks(NamedTuple):
+    """Two octets by which frames are looked for, and their places in a frame."""
+
+    places: tuple[int, int]
+    octets: tuple[int, int]
+
+    def found(self, octets: U8, first: int, last: int) -> IntArray:
+        """Places from `first` up to `last` that have them."""
+        found = [NONE]
+        for at in range(first, last, SLAB):
+            end = min(at + SLAB, last)
+            there = octets[at + self.places[1] : end + self.places[1]] == self.octets[1]
+            there &= octets[at + self.places[0] : end + self.places[0]] == self.octets[0]
+            found.append(np.flatnonzero(there) + at)
+        return np.concatenate(found)
+
+
 class Pieces:
-    """A file, read ahead into two buffers that take turns. InputError where it can't be read."""
+    """A file, read ahead into two buffers that take turns. InputError where it can't be read.
+
+    The thread that reads ahead also looks for `marks` in what it has read.
+    """
 
     def __init__(self, path: Path, *, start: int = 0) -> None:
-        self.ended = False  # the last piece holds the end of the file
+        self.ended = False  # there was no more of the file
+        self.marks: Marks | None = None
+        self.found: tuple[Marks, IntArray] | None = (
+            None  # marks that were looked for in the last piece, and where they are
+        )
         self._path, self._start, self._span = path, start, SPAN
         self._free: SimpleQueue[U8 | None] = SimpleQueue()
-        self._full: SimpleQueue[tuple[U8, int] | OSError] = SimpleQueue()
+        self._full: SimpleQueue[tuple[U8, int, tuple[Marks, IntArray] | None] | OSError] = SimpleQueue()
         self._buffer: U8 | None = None
         self._stop = ROOM  # of what is in it
 
@@ -77,12 +102,14 @@ class Pieces:
         got = self._full.get()
         if isinstance(got, OSError):
             raise InputError(f"{self._path}: {got.strerror}") from got
-        buffer, n = got
+        buffer, n, found = got
         if self._buffer is not None:
             buffer[ROOM - rest : ROOM] = self._buffer[self._stop - rest : self._stop]
             self._free.put(self._buffer)
         self._buffer, self._stop, self.ended = buffer, ROOM + n, n == 0
-        return buffer[ROOM - rest :], rest + n
+        octets = buffer[ROOM - rest :]
+        self.found = found and (found[0], np.concatenate([found[0].found(octets, 0, rest), found[1] + rest]))
+        return octets, rest + n
 
     def _read(self) -> None:
         """Fill the buffers that are free, until there is no more."""
@@ -92,7 +119,9 @@ class Pieces:
                 n = 1
                 while n and (buffer := self._free.get()) is not None:
                     n = file.readinto(buffer[ROOM : ROOM + self._span].data)
-                    self._full.put((buffer, n))
+                    marks = self.marks
+                    found = marks and (marks, marks.found(buffer[ROOM:], 0, n))
+                    self._full.put((buffer, n, found))
         except OSError as error:
             self._full.put(error)
 
@@ -102,14 +131,14 @@ def _aligned(size: int) -> U8:
     return whole[-whole.ctypes.data % ALIGNED :][:size]
 
 
-def frame_starts(octets: U8, size: int, frames: Frames) -> IntArray:
+def frame_starts(octets: U8, size: int, frames: Frames, pieces: Pieces | None = None) -> IntArray:
     """Starts of the frames that follow each other from place 0 on, and the end of the last whole one.
 
-    At least SLACK octets behind the first `size` may be looked at.
+    At least SLACK octets behind the first `size` may be looked at. `pieces` is told what to look for in the next piece.
     """
     runs = [np.zeros(1, dtype=np.int64)]
     at, hops = 0, FEW
-    places: _Lookalikes | None = None
+    places: _Places | None = None
     while True:
         run = _even_run(octets, at, size, frames)
         if len(run):
@@ -117,15 +146,19 @@ def frame_starts(octets: U8, size: int, frames: Frames) -> IntArray:
         else:
             run = _hop(octets, at, size, frames, hops)
             if len(run) == 0:
-                return np.concatenate(runs)
+                break
             if int(run[-1]) - at > SHORT * len(run):
                 hops *= 4
             else:
                 runs.append(run)
-                places = places or _Lookalikes(octets, at, size, frames)
+                places = places or _Places(octets, at, size, frames, pieces)
                 run = places.linked(int(run[-1]))
         runs.append(run)
         at = int(run[-1]) if len(run) else int(runs[-2][-1])
+    starts = np.concatenate(runs)
+    if pieces is not None:
+        pieces.marks = places.marks if places is not None and 2 * len(places) > len(starts) else None
+    return starts
 
 
 def _even_run(octets: U8, at: int, size: int, frames: Frames) -> IntArray:
@@ -165,33 +198,34 @@ def _hop(octets: U8, at: int, size: int, frames: Frames, most: int) -> IntArray:
     return ends if sound.all() else ends[: int(np.argmin(sound))]
 
 
-class _Lookalikes:
+class _Places:
     """Places that look like the beginning of a frame like the one at `at`, to be linked up by their lengths."""
 
-    def __init__(self, octets: U8, at: int, size: int, frames: Frames) -> None:
-        found = [_like(octets, first, min(first + SLAB, size), at, frames) for first in range(at, size, SLAB)]
-        places = np.concatenate(found)
+    def __init__(self, octets: U8, at: int, size: int, frames: Frames, pieces: Pieces | None) -> None:
+        if pieces is not None and pieces.found is not None:
+            self.marks, places = pieces.found
+        else:
+            one, two = frames.marks
+            self.marks = Marks(frames.marks, (int(octets[at + one]), int(octets[at + two])))
+            places = self.marks.found(octets, at, size)
         every = np.ndarray((size,), dtype=frames.word, buffer=octets, offset=frames.at, strides=(1,))
         ends = places + frames.more + every[places]
         whole = (ends <= size) & (ends >= places + frames.least)
         self._places: IntArray = places[whole]
         self._ends: IntArray = ends[whole]
-        self._breaks = np.flatnonzero(self._ends[:-1] != self._places[1:])
+        self._breaks: list[int] = np.flatnonzero(self._ends[:-1] != self._places[1:]).tolist()
+
+    def __len__(self) -> int:
+        return len(self._places)
 
     def linked(self, at: int) -> IntArray:
         """Ends of the frames from `at` on, each of which begins where the one before ends."""
-        runs = [NONE]
-        while (i := int(np.searchsorted(self._places, at))) < len(self._places) and self._places[i] == at:
-            k = int(np.searchsorted(self._breaks, i))
-            last = int(self._breaks[k]) if k < len(self._breaks) else len(self._places) - 1
+        runs, places, n = [NONE], self._places, len(self._places)
+        i = int(places.searchsorted(at))
+        while i < n and places[i] == at:
+            k = bisect_left(self._breaks, i)
+            last = self._breaks[k] if k < len(self._breaks) else n - 1
             runs.append(self._ends[i : last + 1])
-            at = int(self._ends[last])
+            at, i = int(self._ends[last]), last + 1
+            i += int(places[i:].searchsorted(at)) if i < n and places[i] < at else 0
         return np.concatenate(runs)
-
-
-def _like(octets: U8, first: int, last: int, at: int, frames: Frames) -> IntArray:
-    """Places from `first` up to `last` whose marks are those of the frame at `at`."""
-    one, two = frames.marks
-    there = octets[first + two : last + two] == octets[at + two]
-    there &= octets[first + one : last + one] == octets[at + one]
-    return np.flatnonzero(there) + first

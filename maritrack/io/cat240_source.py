@@ -48,13 +48,14 @@ class Cat240Source:
         pose: PoseTrack | None = None,
         origin: Origin | None = None,
         strict: bool = False,
+        workers: int = 1,
         sensor_configs: Mapping[str, InputConfig] | None = None,
         sensor_poses: Mapping[str, PoseTrack] | None = None,
     ) -> None:
         self.origin = origin
         self.unclaimed: tuple[Damage, ...] = ()
         self._midnight_ns: int | None = None  # of the first day, by the receive times; None = not known yet
-        self._octets, self._config, self._strict = octets, config, strict
+        self._octets, self._config, self._strict, self._workers = octets, config, strict, workers
         self._pose = pose if pose is not None else PoseTrack.fixed()
         self._configs, self._poses = dict(sensor_configs or {}), dict(sensor_poses or {})
         for name in self._configs:
@@ -64,7 +65,7 @@ class Cat240Source:
 
     def frames(self) -> Iterator[Frame]:
         """Frames from 0 on."""
-        recording = open_cat240(self._octets, strict=self._strict, stream=self._config.stream)
+        recording = open_cat240(self._octets, strict=self._strict, stream=self._config.stream, workers=self._workers)
         return self.frames_of(recording.batches(), streams=recording.streams)
 
     def frames_of(self, batches: Iterable[Batch], *, streams: Sequence[Stream] = ()) -> Iterator[Frame]:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from maritrack.errors import InputError, UsageError
+from maritrack.io.datablocks import Blocks, blocks_of
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Datagrams
 from maritrack.io.framing import HEADER
-from maritrack.io.recode_rows import Blocks, blocks_of
 from maritrack.io.recordwalk import ITEM_140, presence, source_at, time_at
 from maritrack.types import BoolArray, IntArray
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from maritrack.geo import C_MPS
 from maritrack.io.blockstarts import DATA_BLOCKS, ROOM, U8, Frames, Pieces, frame_starts
-from maritrack.io.cat240 import text_of
 from maritrack.io.cat240_cells import BITS_OF_RES, FEMTO, HEAD, NANO, REPETITION, TOD, VENDOR
 from maritrack.io.cat240_exact import INFLATION, MAX_CELLS, TOD_PER_DAY, parse_block
 from maritrack.io.cat240_order import REMEMBERED, Memory, screen
@@ -26,6 +25,7 @@ from maritrack.io.radials import Batch, Radials, Text
 from maritrack.types import BoolArray, Damage, IntArray
 
 ODD_LEAST, ODD_SHARE = 8, 8  # so many odd blocks, and one in so many more, are still worth the walk
+AGAIN = 16  # frames that the general reader has to read again to know what came before
 TAIL = np.dtype([("tod", ">u4"), ("after", "u1")])  # from the octet before the time of day to that behind it
 COPIED = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur")
 
@@ -52,7 +52,7 @@ class Make(Protocol):
 
     def blocks(self, octets: U8, size: int, starts: IntArray) -> Blocks: ...
 
-    def told(self, frames: int) -> None: ...  # so many frames of the last blocks are done with
+    def told(self, frames: int, again: int) -> None: ...  # frames of the last blocks that are done with
 
 
 class RawMake:
@@ -65,7 +65,7 @@ class RawMake:
         no_time, stream = np.broadcast_to(np.int64(NO_TIME), n), np.broadcast_to(np.int64(0), n)
         return Blocks(n, np.arange(n), starts[:-1], starts[1:], no_time, stream)
 
-    def told(self, frames: int) -> None:
+    def told(self, frames: int, again: int) -> None:
         """Nothing to do."""
 
 
@@ -74,7 +74,8 @@ class HeaderWalk:
 
     def __init__(self, path: Path, make: Make, *, start: int = 0) -> None:
         self.end = start  # octet up to which all was told
-        self.whole = False  # and nothing follows
+        self.again = start  # octet, a few frames before that
+        self.whole = False  # nothing follows
         self._path, self._make = path, make
         self.memories: dict[int, Memory] = {}  # of the records that were told, as the general reader has them
 
@@ -87,7 +88,7 @@ class HeaderWalk:
                 if pieces.ended:
                     self.whole = rest == 0
                     return
-                starts = frame_starts(octets, size, self._make.frames)
+                starts = frame_starts(octets, size, self._make.frames, pieces)
                 batches, used = self._batches(octets, size, starts)
                 self.end, rest = self.end + used, size - used
                 yield from batches
@@ -101,7 +102,10 @@ class HeaderWalk:
         n, texts = _odd_blocks(octets, self.end, blocks, usual)
         frames = blocks.frames if n == len(usual) else int(blocks.frame[n])
         n, used = int(np.searchsorted(blocks.frame, frames)), int(starts[frames])
-        self._make.told(frames)
+        again = max(frames - AGAIN, 0)
+        if used:
+            self._make.told(frames, again)
+            self.again = self.end + int(starts[again])
         if n < len(usual) or not usual.all():
             c = _rows(c, np.flatnonzero(usual[:n]))
         if used == 0:
@@ -165,6 +169,10 @@ def _agreeing(c: Columns) -> BoolArray:
 def _odd_blocks(octets: U8, base: int, blocks: Blocks, usual: BoolArray) -> tuple[int, tuple[Text, ...]]:
     """How many blocks there are before the first that holds more than a usual record or summaries, and their texts."""
     odd = np.flatnonzero(~usual).tolist()
+    if not odd:
+        return len(usual), ()
+    from maritrack.io.cat240 import text_of  # most recordings have no need of the general reader
+
     texts: list[Text] = []
     for i in odd[: ODD_LEAST + len(usual) // ODD_SHARE]:
         begin = int(blocks.begin[i])
@@ -201,6 +209,11 @@ def _is_orderly(memories: dict[int, Memory], sensor: IntArray, idx: IntArray, to
     memory = memories.get(int(sensor[0]), Memory())
     behind = max((key[0] for key in memory.recent), default=-1) < idx[0] and memory.tod <= tod[0]
     return bool(behind and (np.diff(idx) > 0).all() and (np.diff(tod) >= 0).all())
+
+
+def picked(column: NDArray[Any], rows: IntArray) -> Any:
+    """Ascending rows of a column; the column itself where these are all."""
+    return column if len(rows) == len(column) else column[rows]
 
 
 def _rows(c: Columns, index: IntArray | BoolArray) -> Columns:

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from maritrack.io.blockstarts import NONE, U8, Frames
 from maritrack.io.datagrams import Stream
 from maritrack.io.framing import CAT240, HEADER
-from maritrack.io.headers import Blocks, gather
+from maritrack.io.headers import Blocks, Columns, gather, picked
 from maritrack.io.packets import FRAMED, KIND, RAW_IP, UDP, UDP_HEADER
 from maritrack.io.pcap_records import FILE_HEADER, LATEST, MAX_PACKET, NEAR_S, format_at
 from maritrack.io.pcapng_blocks import INTERFACE, MAGIC, PACKET, SECTION, interface_at
-from maritrack.io.udp import stream_of
 from maritrack.types import BoolArray, IntArray
 
 IP_HEADER = 20
@@ -33,8 +32,6 @@ QUIET = (4, 5)  # pcapng blocks of names and of statistics
 PCAP_HEAD, PCAPNG_HEAD = 16, 28  # octets before a packet
 PCAP = {"second": 0, "fraction": 4, "length": 8, "full": 12}
 PCAPNG = {"kind": 0, "total": 4, "interface": 8, "high": 12, "low": 16, "length": 20, "full": 24}
-
-Heads = NDArray[Any]
 
 
 def packet_make(head: bytes) -> tuple[PacketMake, int] | None:
@@ -55,6 +52,8 @@ def _pcapng(head: bytes) -> tuple[PacketMake, int] | None:
         if kind == PACKET:
             break
         if length < 12 or length % 4 or at + length > len(head) or (kind == SECTION) != (at == 0):
+            return None
+        if head[at + length - 4 : at + length] != head[at + 4 : at + 8] or kind not in (SECTION, INTERFACE, *QUIET):
             return None
         if kind == INTERFACE and (interface is not None or length < 20):
             return None
@@ -82,6 +81,7 @@ class PacketMake:
         self._order, self._unit_ns, self._ng = order, unit_ns, ng
         self._near = -1  # second of the first packet
         self._looked_at = NONE, NONE  # the last datagrams: frames and streams
+        self._again: list[int] = []  # datagrams of each stream that may be read again
         where, behind = FRAMED.get(link, (-1, 0))
         head = PCAPNG_HEAD if ng else PCAP_HEAD
         self._ip = head + behind
@@ -93,76 +93,91 @@ class PacketMake:
         """Streams whose datagrams were data blocks."""
         return frozenset(s for s, n, holds in zip(self.streams, self.counts, self.holds, strict=True) if holds and n)
 
-    def others(self) -> list[tuple[Stream, int]]:
-        """Streams without CAT240, and how many datagrams each had."""
-        return [(s, n) for s, n, holds in zip(self.streams, self.counts, self.holds, strict=True) if not holds and n]
+    def others(self, *, whole: bool) -> list[tuple[Stream, int]]:
+        """Streams without CAT240, and how many datagrams each had in the whole file, or before what is read again."""
+        again = [*([] if whole else self._again), *[0] * len(self.streams)]
+        return [
+            (stream, n - again[i])
+            for i, (stream, n, holds) in enumerate(zip(self.streams, self.counts, self.holds, strict=True))
+            if n and not holds
+        ]
 
     def blocks(self, octets: U8, size: int, starts: IntArray) -> Blocks:
         """The data blocks of the packets that begin at `starts`."""
         head = gather(octets, starts[:-1], self._head)
-        packet = head["kind"] == PACKET if self._ng else np.ones(len(head), dtype=np.bool_)
-        udp, passed = self._udp(head)
-        good = self._sound_ng(head, octets, starts) if self._ng else self._sound(head)
-        good &= (packet & (udp | passed)) | (~packet & (np.isin(head["kind"], QUIET) if self._ng else False))
+        h: Columns = {name: head[name].astype(np.int64) for name in head.dtype.names or () if name != "key"}
+        udp, passed = self._udp(h)
+        good = udp | passed
+        good &= self._sound_ng(h, octets, starts) if self._ng else self._sound(h)
+        if self._ng and (h["kind"] != PACKET).any():
+            quiet = np.isin(h["kind"], QUIET) & self._is_block(h, octets, starts)
+            good, udp = np.where(h["kind"] == PACKET, good, quiet), udp & (h["kind"] == PACKET)
         frames = len(good) if good.all() else int(np.argmin(good))
-        rows = np.flatnonzero((packet & udp)[:frames])
-        begin = starts[rows] + (self._ip + IP_HEADER + UDP_HEADER)
-        end = begin + (head["udp_length"][rows].astype(np.int64) - UDP_HEADER)
-        stream = self._number(head["key"][rows])
+        rows = np.flatnonzero(udp[:frames])
+        begin = picked(starts[:-1], rows) + (self._ip + IP_HEADER + UDP_HEADER)
+        end = begin + picked(h["udp_length"], rows) - UDP_HEADER
+        stream = self._number(picked(head["key"], rows))
         kept = self._of_one_kind(octets, begin, end, stream)
         frames = frames if kept == len(rows) else int(rows[kept])
         self._looked_at = rows, stream
         held = np.flatnonzero(np.array(self.holds, dtype=np.bool_)[stream[:kept]])
-        row, begin, end, bad = _data_blocks(octets, begin[held], end[held])
-        frame = rows[held[row]]
+        row, begin, end, bad = _data_blocks(octets, picked(begin, held), picked(end, held))
+        frame = picked(picked(rows, held), row)
         if bad >= 0:
             frames = int(rows[held[bad]])
             inside = frame < frames
             row, frame, begin, end = row[inside], frame[inside], begin[inside], end[inside]
-        return Blocks(frames, frame, begin, end, self._t_ns(head[frame]), stream[held[row]])
+        return Blocks(frames, frame, begin, end, picked(self._t_ns(h), frame), picked(picked(stream, held), row))
 
-    def told(self, frames: int) -> None:
-        """So many of the frames that were looked at last are done with."""
+    def told(self, frames: int, again: int) -> None:
+        """Of the frames that were looked at last so many are done with; some, from `again` on, may be read again."""
         rows, stream = self._looked_at
-        for one, n in enumerate(np.bincount(stream[: np.searchsorted(rows, frames)]).tolist()):
+        first, last = np.searchsorted(rows, [again, frames]).tolist()
+        for one, n in enumerate(np.bincount(stream[:last]).tolist()):
             self.counts[one] += n
+        self._again = np.bincount(stream[first:last], minlength=len(self.streams)).tolist()
 
-    def _sound(self, head: Heads) -> BoolArray:
+    def _sound(self, h: Columns) -> BoolArray:
         """Which records of a pcap file say nothing strange."""
-        if self._near < 0 and len(head):
-            self._near = int(head["second"][0])
+        second = h["second"]
+        if self._near < 0 and len(second):
+            self._near = int(second[0])
         low, high = max(self._near - NEAR_S, 1), min(self._near + NEAR_S, LATEST)
-        good = (head["length"] == head["full"]) & (head["length"] <= MAX_PACKET) & (head["second"] >= low)
-        return np.asarray(good & (head["second"] < high) & (head["fraction"] < 10**9 // self._unit_ns))
+        good = (h["length"] == h["full"]) & (h["length"] <= MAX_PACKET) & (second >= low) & (second < high)
+        return np.asarray(good & (h["fraction"] < 10**9 // self._unit_ns))
 
-    def _sound_ng(self, head: Heads, octets: U8, starts: IntArray) -> BoolArray:
-        """Which blocks of a pcapng file say nothing strange."""
-        total, length = np.diff(starts), head["length"].astype(np.int64)
+    def _sound_ng(self, h: Columns, octets: U8, starts: IntArray) -> BoolArray:
+        """Which packet blocks of a pcapng file say nothing strange."""
+        good = self._is_block(h, octets, starts) & (h["interface"] == 0) & (h["length"] == h["full"])
+        good &= PCAPNG_HEAD + (h["length"] + 3 & ~3) + 4 <= h["total"]
+        return np.asarray(good & (h["high"] < LATEST_UNITS // self._unit_ns))
+
+    def _is_block(self, h: Columns, octets: U8, starts: IntArray) -> BoolArray:
+        """Which blocks of a pcapng file say their length twice."""
         again = gather(octets, starts[1:] - 4, np.dtype([("total", f"{self._order}u4")]))["total"]
-        good = (head["total"] == again) & (total % 4 == 0)
-        fits = (head["interface"] == 0) & (length == head["full"]) & (PCAPNG_HEAD + (length + 3 & ~3) + 4 <= total)
-        fits &= head["high"] < LATEST_UNITS // self._unit_ns
-        return np.asarray(good & (fits | (head["kind"] != PACKET)))
+        return np.asarray((h["total"] == again) & (h["total"] & 3 == 0))
 
-    def _udp(self, head: Heads) -> tuple[BoolArray, BoolArray]:
+    def _udp(self, h: Columns) -> tuple[BoolArray, BoolArray]:
         """Which packets are whole UDP datagrams, and which of the others are whole and neither UDP nor IPv6."""
-        there = head["length"].astype(np.int64) - (self._ip - (PCAPNG_HEAD if self._ng else PCAP_HEAD))
-        ip_length, framed = head["ip_length"], "type" in (head.dtype.names or ())
-        ip = head["type"] == 0x0800 if framed else head["version"] >> 4 == 4
-        plain = ip & (head["version"] == PLAIN_IP) & (head["fragment"] & FRAGMENT == 0) & (ip_length <= there)
-        udp = plain & (head["protocol"] == UDP) & (ip_length == head["udp_length"].astype(np.int64) + IP_HEADER)
-        udp &= ip_length >= IP_HEADER + UDP_HEADER
-        passed = plain & (head["protocol"] != UDP) & (ip_length >= IP_HEADER)
-        if framed:
-            passed |= (KIND[head["type"]] == 0) & (there >= 0)
+        there = h["length"] - (self._ip - (PCAPNG_HEAD if self._ng else PCAP_HEAD))
+        version, ip_length = h["first"] >> 24, h["first"] & 0xFFFF
+        plain = (version == PLAIN_IP) & (h["flow"] >> 16 & FRAGMENT == 0) & (ip_length <= there)
+        if "type" in h:
+            plain &= h["type"] == 0x0800
+        is_udp = h["flow"] & 0xFF == UDP
+        udp = plain & is_udp & (ip_length == h["udp_length"] + IP_HEADER) & (ip_length >= IP_HEADER + UDP_HEADER)
+        if udp.all():
+            return udp, udp
+        passed = plain & ~is_udp & (ip_length >= IP_HEADER)
+        if "type" in h:
+            passed |= (KIND[h["type"]] == 0) & (there >= 0)
         return udp, passed
 
-    def _t_ns(self, head: Heads) -> IntArray:
+    def _t_ns(self, h: Columns) -> IntArray:
         """Receive times."""
         if self._ng:
-            units = head["high"].astype(np.int64) << 32 | head["low"]
-            return np.asarray(units * self._unit_ns)
-        return np.asarray(head["second"].astype(np.int64) * 10**9 + head["fraction"].astype(np.int64) * self._unit_ns)
+            return np.asarray((h["high"] << 32 | h["low"]) * self._unit_ns)
+        return np.asarray(h["second"] * 10**9 + h["fraction"] * self._unit_ns)
 
     def _number(self, key: NDArray[np.void]) -> IntArray:
         """Index of the stream of each datagram, -1 = too many."""
@@ -176,7 +191,7 @@ class PacketMake:
                 if len(self.streams) == MAX_STREAMS:
                     break
                 self._numbers[name] = len(self.streams)
-                self.streams.append(stream_of(name))
+                self.streams.append(Stream(_endpoint(name[:4], name[8:10]), _endpoint(name[4:8], name[10:12])))
                 self.counts.append(0)
             index[left[same]] = self._numbers[name]
             left = left[~same]
@@ -195,14 +210,17 @@ class PacketMake:
         return int(np.argmax(odd)) if odd.any() else len(odd)
 
 
+def _endpoint(address: bytes, port: bytes) -> str:
+    return f"{'.'.join(map(str, address))}:{int.from_bytes(port, 'big')}"
+
+
 def _head(order: str, where: dict[str, int], ip: int, ethertype: int) -> np.dtype[Any]:
     """The headers of a packet as a row: the capture's numbers, then those of Ethernet, IPv4 and UDP."""
     fields: dict[str, tuple[Any, int]] = {name: (np.dtype(f"{order}u4"), at) for name, at in where.items()}
     if ethertype >= 0:
         fields["type"] = (np.dtype(">u2"), ethertype)
     for name, kind, at in (
-        ("version", "u1", 0), ("ip_length", ">u2", 2), ("fragment", ">u2", 6), ("protocol", "u1", 9),
-        ("key", "V12", 12), ("udp_length", ">u2", 24),
+        ("first", ">u4", 0), ("flow", ">u4", 6), ("key", "V12", 12), ("udp_length", ">u2", 24),
     ):  # fmt: skip
         fields[name] = (np.dtype(kind), ip + at)
     return np.dtype({
@@ -217,17 +235,21 @@ def _data_blocks(octets: U8, begin: IntArray, end: IntArray) -> tuple[IntArray, 
     """
     found, bad = list[tuple[IntArray, IntArray, IntArray]](), len(begin)
     row, at, stop = np.arange(len(begin)), begin, end
+    length = np.ndarray((len(octets) - 2,), dtype=">u2", buffer=octets, offset=1, strides=(1,))
     for _ in range(MAX_LEVELS):
         if len(row) == 0:
             break
-        after = at + (octets[at + 1].astype(np.int64) << 8 | octets[at + 2])
+        after = at + length[at]
         sound = (octets[at] == CAT240) & (after > at + HEADER) & (after <= stop)
         if not sound.all():
             bad = min(bad, int(row[np.argmin(sound)]))
-        found.append((row[sound], at[sound], after[sound]))
-        more = sound & (after < stop)
+            row, at, after, stop = row[sound], at[sound], after[sound], stop[sound]
+        found.append((row, at, after))
+        more = np.flatnonzero(after < stop)
         row, at, stop = row[more], after[more], stop[more]
     bad = min(bad, int(row.min(initial=bad)))
+    if len(found) == 1:
+        return *found[0], bad if bad < len(begin) else -1
     rows, firsts, ends = (np.concatenate(column) for column in zip(*found, strict=True)) if found else (row, at, stop)
-    order = np.argsort(firsts, kind="stable") if len(found) > 1 else slice(None)
+    order = np.argsort(firsts, kind="stable")
     return rows[order], firsts[order], ends[order], bad if bad < len(begin) else -1

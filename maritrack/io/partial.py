@@ -44,6 +44,8 @@ class Partial:
                 trouble = "fragment-overlap"
             else:
                 self.total = end
+        if end != self.total:
+            end -= end % UNIT  # of a last fragment that isn't believed to be the last
         if end <= place:
             return trouble
         octets = octets[: end - place]

@@ -221,9 +221,9 @@ def _lax_or_not(w: Stretch, of: Format, at: int) -> Format:
         return of
     lax = replace(of, lax=True)
     for _ in range(TRIAL):
-        if w.size - at < of.head:
+        if at == w.size:
             break
-        if not lax.plausible(w.data, at):
+        if w.size - at < of.head or of.plausible(w.data, at) or not lax.plausible(w.data, at):
             return of
         at += of.head + of.words.unpack_from(w.data, at)[2]
     return lax

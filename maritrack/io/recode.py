@@ -15,7 +15,7 @@ from maritrack.io.cat240_encode import COMPRESSED, MAX_LEN, MAX_REP, VIDEO_ITEMS
 from maritrack.io.cat240_exact import Video, parse_block
 from maritrack.io.cat240_items import Trouble, read_items
 from maritrack.io.framing import CAT240, HEADER, window
-from maritrack.io.recordwalk import VIDEO_BITS, source_at, walk
+from maritrack.io.recordwalk import VIDEO_BITS, sensor_name, source_at, walk
 from maritrack.types import Damage
 
 INFLATION_FLOOR = 4 << 20  # octets
@@ -105,11 +105,6 @@ def recode_block(block: bytes, coding: Coding, budget: Budget) -> Recoded:
         changed += isinstance(made, bytes)
         records.append(made if isinstance(made, bytes) else block[at:stop])
     return Recoded(_joined(records) if changed else block, changed, kept)
-
-
-def sensor_name(source: int) -> str:
-    """The name of SAC << 8 | SIC, "" for -1."""
-    return f"{source >> 8}-{source & 255}" if source >= 0 else ""
 
 
 def inflate(packed: bytes, octets: int) -> bytes | Trouble:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maritrack.io.cat240_items import ITEMS
+from maritrack.types import IntArray
 
 HEADER = 3
 ITEM_010, ITEM_000, ITEM_140 = 0x8000, 0x4000, 0x0008  # bits of presence, first octet of FSPEC high
 VIDEO_BITS = 0x0070
 VENDOR_BITS = 0x0006
+CODES = ("", "truncated-item", "fspec-too-long", "frn-not-in-uap", "empty-fspec")
 BEFORE_140 = 0xFEF0
 
 
@@ -61,6 +66,41 @@ def walk(data: bytes, start: int, end: int) -> Records:
     return Records(starts, present, "")
 
 
+class First(NamedTuple):
+    """The first records of data blocks (n,)."""
+
+    present: IntArray  # bits of its items, 0 unless it is the only one of its block and sound
+    source: IntArray  # SAC << 8 | SIC, -1 = none
+    code: IntArray  # why it can't be read, index of CODES, 0 = it can, or RE or SP have to be looked at
+
+
+def first_records(u8: NDArray[np.uint8], begin: IntArray, end: IntArray) -> First:
+    """The first records of data blocks with at least one octet of a record."""
+    last = len(u8) - 1
+    at = begin + HEADER
+    octets = [u8[np.minimum(at + i, last)].astype(np.int64) for i in range(3)]
+    two = octets[0] & 1 > 0
+    present = (octets[0] & 0xFE) << 8 | np.where(two, octets[1], 0)
+    cut, long = two & (at + 1 >= end), two & (octets[1] & 1 > 0)
+    cut |= long & (at + 2 >= end)
+    at += 1 + two
+    source = u8[np.minimum(at, last)].astype(np.int64) << 8 | u8[np.minimum(at + 1, last)]
+    short = np.zeros(len(at), dtype=np.bool_)
+    for bit, _, size in ITEMS:
+        there = present & bit > 0
+        if size > 0:
+            at += size * there
+        elif there.any():
+            count = u8[np.minimum(at, last)].astype(np.int64)
+            short |= there & ((at >= end) | ((count == 0) & (size == 0)))
+            at += np.where(there, count * (-size or 1) + (1 if size else 0), 0)
+    short |= at > end
+    undefined = (octets[2] & 1 > 0) | (octets[2] == 0)
+    code = np.select([cut, long & undefined, long, present == 0, short & (present & VENDOR_BITS == 0)], [1, 2, 3, 4, 1])
+    single = ~cut & ~long & ~short & (at == end)
+    return First(np.where(single, present, 0), np.where(present & ITEM_010, source, -1), code)
+
+
 @cache
 def layout(present: int) -> Layout:
     """How to go over a record with these items."""
@@ -82,6 +122,11 @@ def source_at(data: bytes, at: int, present: int) -> int:
         return -1
     first = at + 1 + (data[at] & 1)
     return data[first] << 8 | data[first + 1]
+
+
+def sensor_name(source: int) -> str:
+    """The name of SAC << 8 | SIC, "" for -1."""
+    return f"{source >> 8}-{source & 255}" if source >= 0 else ""
 
 
 def kind_at(data: bytes, at: int, present: int) -> int:

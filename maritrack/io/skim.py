@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from maritrack.errors import InputError
-from maritrack.io.cat240 import read_batches
 from maritrack.io.containers import GZIP, PCAP, PCAPNG, RAW, container_of, unpacked_head
 from maritrack.io.datagrams import Stream
 from maritrack.io.headers import HeaderWalk, RawMake
 from maritrack.io.octets import CHUNK, FileChunks
 from maritrack.io.radials import Batch
 from maritrack.io.source import Octets
-from maritrack.types import IntArray
+from maritrack.types import Damage, IntArray, take
 
 
 class Skim:
     """The headers of a recording, read once.
 
     Files that are as they should be are gone through from header to header; from the first thing that is out of the
-    ordinary on the general reader goes on, and it reads all other recordings. Both ways tell the same.
+    ordinary on the general reader goes on, and it reads all other recordings. Both ways tell the same. The general
+    reader is imported where it is used: that takes a tenth of the time in which a million records are told.
     """
 
     def __init__(self, octets: Octets, *, stream: str = "", quick: bool = True) -> None:
@@ -55,6 +55,8 @@ class Skim:
         walk = HeaderWalk(path, RawMake())
         yield from walk
         if not walk.whole:
+            from maritrack.io.cat240 import read_batches
+
             chunks = _FileFrom(path, walk.end)
             yield from read_batches(chunks, cells=False, start=walk.end, memories=walk.memories)
 
@@ -69,10 +71,11 @@ class Skim:
         self.streams = make.streams
         walk = HeaderWalk(path, make, start=start)
         yield from walk
-        self._add_others(make.others())
-        if not walk.whole:  # the file's header, and what was not told
-            rest = replace(self._octets, chunks=_FileFrom(path, walk.end, before=self._octets.head[:start]))
-            yield from _moved(self._general(rest, known=make.holding()), walk.end - start)
+        self._add_others(make.others(whole=walk.whole))
+        if not walk.whole:  # the file's header, a few packets, and what was not told
+            rest = replace(self._octets, chunks=_FileFrom(path, walk.again, before=self._octets.head[:start]))
+            found_in = self._general(rest, known=make.holding())
+            yield from _told_from(walk.end, _moved(found_in, walk.again - start))
 
     def _general(self, octets: Octets, *, known: frozenset[Stream] = frozenset()) -> Iterator[Batch]:
         """What the general reader finds; `known` are streams that have shown CAT240 before."""
@@ -120,6 +123,18 @@ def _moved(batches: Iterable[Batch], by: int) -> Iterator[Batch]:
             damage=tuple(replace(one, offset=one.offset + by) for one in batch.damage),
             texts=tuple(one._replace(offset=one.offset + by) for one in batch.texts),
         )  # fmt: skip
+
+
+def _told_from(told: int, batches: Iterable[Batch]) -> Iterator[Batch]:
+    """What is found from an octet on."""
+    for batch in batches:
+        radials, packed = batch.radials, batch.packed
+        if radials is not None and packed is not None and radials.offset.min() < told:
+            new = radials.offset >= told
+            radials, packed = take(radials, new) if new.any() else None, packed[new]
+        damage: tuple[Damage, ...] = tuple(one for one in batch.damage if one.offset >= told)
+        texts = tuple(one for one in batch.texts if one.offset >= told)
+        yield replace(batch, radials=radials, packed=packed, damage=damage, texts=texts)
 
 
 class _FileFrom:

@@ -175,8 +175,8 @@ def test_an_out_that_can_not_be_is_told(sample: Path, tmp_path: Path, name: str)
 
 @pytest.mark.parametrize(
     ("name", "octets"),
-    [("picture.png", b"\x89PNG\r\n\x1a\n" + bytes(64)), ("points.json", b'{"format": "maritrack-points/1", "scans": []}'),
-     ("empty.cat240", b"")],
+    [("picture.png", b"\x89PNG\r\n\x1a\n" + bytes(64)),
+     ("points.json", b'{"format": "maritrack-points/1", "scans": []}'), ("empty.cat240", b"")],
 )  # fmt: skip
 def test_what_is_no_radar_video_is_told(tmp_path: Path, name: str, octets: bytes) -> None:
     path = tmp_path / name

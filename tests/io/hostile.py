@@ -1,5 +1,6 @@
 """Inputs that are made to cost a reader as much as they can, for each of a size in octets."""
 
+# ruff: noqa: E501
 from __future__ import annotations
 
 import struct

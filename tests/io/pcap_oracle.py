@@ -90,7 +90,10 @@ class Oracle:
             return
         if length <= 0 or place + length > 65_535 or (more and length % 8):
             return
-        key = (*addresses, ident)
+        self.fragment((*addresses, ident), number, octets, length, place, more)
+
+    def fragment(self, key: tuple[bytes, bytes, int], number: int, octets: bytes, length: int, place: int,
+                 more: bool) -> None:  # fmt: skip
         one = self.waiting.get(key)
         if one and place == 0 and all(i in one.octets for i in range(8)):
             before = bytes(one.octets[i] for i in range(8))
@@ -105,6 +108,8 @@ class Oracle:
             end = min(end, one.total)
         elif not more and max(one.claimed, default=-1) < end:
             one.total = end
+        if end != one.total:
+            end -= end % 8
         taken = {i // 8 for i in one.claimed}
         for i in range(place, end):
             if i // 8 not in taken:
@@ -114,7 +119,7 @@ class Oracle:
         if one.total is not None and {i // 8 for i in one.claimed} == {i // 8 for i in range(one.total)}:
             del self.waiting[key]
             self.done = [*(old for old in self.done if old != key), key]
-            self.deliver(addresses, self.contiguous(one), one.total, number)
+            self.deliver(key[:2], self.contiguous(one), one.total, number)
 
     def contiguous(self, one: Waiting) -> bytes:
         octets = bytearray()

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from maritrack.io.writers import open_writer
 from numpy.testing import assert_array_equal
 
 from maritrack.errors import InputError, UsageError
@@ -25,6 +24,7 @@ from maritrack.io.datagrams import NO_TIME, Datagrams, Stream
 from maritrack.io.ledger import Ledger
 from maritrack.io.select import Selection, matches, whole_blocks
 from maritrack.io.source import Octets
+from maritrack.io.writers import open_writer
 from maritrack.settings import InputConfig
 from maritrack.types import Frame
 from tests.io.spins import spin
@@ -270,3 +270,17 @@ def test_a_ledger_gives_every_octet_once(parts: list[tuple[bytes, int]], cuts: l
 def test_a_spin_without_any_time_still_turns() -> None:
     of = spin(3.0, tod=0)
     assert (of.t_ns == NO_TIME).all()
+
+
+def test_workers_change_nothing(tmp_path: Path) -> None:
+    cells = np.arange(64, dtype=np.uint8)
+    sent = [
+        (encode_video(sac=7, sic=42, idx=i, start_az=i % 65_536, end_az=i % 65_536, start_rg=0, cell_dur=66_712_819,
+                      cells=cells + i % 7, tod=1000, compress=True), NOON_NS + i, RADAR)
+        for i in range(9000)
+    ]  # fmt: skip
+    data = packed("pcap", sent, tmp_path)
+    alone, together = read(data), read(data, workers=2)
+    assert alone[1:] == together[1:]
+    for name, column in alone[0].items():
+        assert_array_equal(column, together[0][name])

@@ -151,6 +151,11 @@ def test_an_end_before_what_is_there_is_not_believed() -> None:
     assert one.payloads == [PAYLOAD] and one.codes == [("fragment-overlap", 1)]
 
 
+def test_a_last_fragment_that_is_not_believed_invents_no_octets() -> None:
+    one = found(part(BODY[80:], 80, more=False), part(b"z", 8, more=False), part(BODY[:80], 0))
+    assert one.payloads == [PAYLOAD] and one.codes == [("fragment-overlap", 1)]
+
+
 def test_a_first_fragment_with_another_udp_header_begins_a_new_datagram() -> None:
     other = udp(b"z" * 100, ports=(5, 6))
     one = found(*fragments4(BODY, 40)[:2], *fragments4(other, 40))
@@ -252,7 +257,8 @@ def series(draw: st.DrawFn) -> list[tuple[int, bytes, bool, int]]:
         parts = cut_up(body, 8 * draw(st.integers(1, 4)))
         for _ in range(draw(st.integers(0, 3))):
             at = 8 * draw(st.integers(0, 12))
-            parts.append((at, draw(st.binary(min_size=8, max_size=8)) * draw(st.integers(1, 4)), draw(st.booleans())))
+            octets, more = draw(st.binary(min_size=8, max_size=8)) * draw(st.integers(1, 4)), draw(st.booleans())
+            parts.append((at, octets if more else octets[draw(st.integers(0, 7)) :], more))
         made += [(*one, ident) for one in (draw(st.permutations(parts)) if draw(st.booleans()) else parts)]
     return draw(st.permutations(made)) if draw(st.booleans()) else made
 
@@ -266,7 +272,7 @@ def test_no_octet_is_invented(parts: list[tuple[int, bytes, bool, int]]) -> None
     for payload in one.payloads:
         for i, octet in enumerate(payload, 8):
             assert any(at <= i < at + len(octets) and octets[i - at] == octet for at, octets, _, _ in parts)
-    assert told <= {"fragment-missing", "fragment-overlap", "fragment-duplicate", "udp-length"}
+    assert told <= {"fragment-missing", "fragment-overlap", "fragment-duplicate", "udp-length", "bad-packet"}
 
 
 @given(series(), st.lists(st.integers(0, 3000), max_size=5), st.integers(30, 400))

@@ -19,9 +19,10 @@ from maritrack.io.cat240_items import read_items
 from maritrack.io.datagrams import NO_TIME, Datagrams
 from maritrack.io.dump import dump_records
 from maritrack.io.recode import Budget, Coding, Recoded, data_blocks, recode_block
-from maritrack.io.recode_rows import of_sensor, recode_datagrams
+from maritrack.io.recode_rows import recode_datagrams
 from maritrack.io.recordwalk import walk
-from maritrack.io.sensor_filter import Filtered, keep_sensor
+from maritrack.io.sensor_filter import Filtered, Ours, keep_sensor
+from maritrack.io.sensor_filter import of_sensor as filter_datagrams
 from tests.io.cat240_blocks import block, codes, packed_video, radials, read, record, rows, video, video_items
 from tests.io.cat240_records import ANY_RECORDS, ITEM_OF_FIELD, row_of, sound_blocks
 from tests.io.test_cat240_equal import streams
@@ -41,6 +42,10 @@ def recoded(octets: bytes, coding: Coding) -> Recoded:
 
 def kept(octets: bytes, sensor: tuple[int, int]) -> Filtered:
     return keep_sensor(octets, sensor[0] << 8 | sensor[1])
+
+
+def of_sensor(d: Datagrams, sensor: tuple[int, int]) -> Ours:
+    return filter_datagrams(d, sensor[0] << 8 | sensor[1])
 
 
 def datagrams(payloads: Sequence[bytes]) -> Datagrams:
