@@ -18,7 +18,10 @@ from maritrack.types import Damage, IntArray
 
 RAW, PCAP, PCAPNG, FINAL, MCAP = "raw", "pcap", "pcapng", "FINAL", "MCAP"
 GZIP = b"\x1f\x8b\x08"
-PCAP_MAGIC = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
+PCAP_MAGIC = (
+    b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d",
+    b"\x34\xcd\xb2\xa1", b"\xa1\xb2\xcd\x34",  # with long packet headers
+)  # fmt: skip
 PCAPNG_MAGIC, MCAP_MAGIC = b"\x0a\x0d\x0d\x0a", b"\x89MCAP0\r\n"
 HEAD_UNPACKED = 64 * 1024
 MOST_BLOCKS = 4096
@@ -36,14 +39,14 @@ def unpacked_head(head: bytes) -> bytes:
 
 def container_of(head: bytes) -> str:
     """What the first octets (unpacked, 64 KiB are enough) are the beginning of; "raw" where it is no container."""
-    from maritrack.io.final import looks_final
-
     if head[:4] in PCAP_MAGIC:
         return PCAP
     if head[:4] == PCAPNG_MAGIC:
         return PCAPNG
     if head[:8] == MCAP_MAGIC:
         return MCAP
+    from maritrack.io.final import looks_final
+
     return FINAL if looks_final(head) else RAW
 
 
