@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from . import options as opt
 from . import render
@@ -26,7 +27,27 @@ Examples:
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command(name="show", help=HELP)(show)
+    app.command(name="show", help=HELP, cls=_Show)(show)
+
+
+class _Show(TyperCommand):
+    """The command. Its path and flags need no check by Typer, which would load pydantic: a tenth of a second."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        params: list[Any] = super().get_params(ctx)
+        for param in params:
+            if param.name == "what":
+                param._runtime_param = _AsPath()
+            elif getattr(param, "is_flag", False) and param.default is None:
+                param.default = False
+        return params
+
+
+class _AsPath:
+    """What Typer asks to turn an argument into its value."""
+
+    def coerce(self, value: Any, **_: Any) -> Path | None:
+        return None if value is None else Path(value)
 
 
 def show(

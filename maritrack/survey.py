@@ -50,6 +50,7 @@ from maritrack.io.radials import Batch, Radials
 from maritrack.io.skim import Skim
 from maritrack.io.source import Octets
 from maritrack.io.spokes import SILENCE, TICK_NS, TURN, DayCount
+from maritrack.io.turnclock import middle
 from maritrack.io.turncount import Grid, TurnCount
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, take
 
@@ -211,7 +212,7 @@ def _document(one: _Sensor, name: str, streams: Sequence[Stream], found: _Found)
     turns = one.turns
     ends = streams[one.stream] if one.stream < len(streams) else Stream()
     period_s = turns.clock.periods_s()
-    period = float(np.median(period_s)) if len(period_s) else None
+    period = middle(period_s) if len(period_s) else None
     first_ns, last_ns = found.span(turns)
     compression = "none" if one.compressed == 0 else "zlib" if one.compressed == one.records else "mixed"
     return {
@@ -250,11 +251,11 @@ def _rotation(turns: TurnCount, period: float | None, period_s: FloatArray) -> R
     return {
         "period_s": period,
         "period_jitter_s": float(near.std()) if len(near) else None,
-        "period_spread_s": MAD_TO_SIGMA * float(np.median(np.abs(period_s - period))) if period else None,
+        "period_spread_s": MAD_TO_SIGMA * middle(np.abs(period_s - period)) if period else None,
         "period_least_s": float(period_s.min()) if period else None,
         "period_most_s": float(period_s.max()) if period else None,
         "rotation_rpm": 60.0 / period if period else None,
-        "spokes_per_turn": int(np.median(spokes)) if len(spokes) else None,
+        "spokes_per_turn": int(middle(spokes)) if len(spokes) else None,
         "spokes_least": int(spokes.min()) if len(spokes) else None,
         "spokes_most": int(spokes.max()) if len(spokes) else None,
         "spoke_width_deg": turns.width * 360.0 / TURN,

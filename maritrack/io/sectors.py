@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from maritrack.io.spokes import TURN
+from maritrack.io.turnclock import middle
 from maritrack.types import BoolArray, IntArray
 
 BINS = 720  # half degrees
@@ -75,4 +76,4 @@ def _usual_step(turn: IntArray) -> int:
     """The usual step between unwrapped azimuths, 0 where there is none."""
     step = np.abs(np.diff(turn))
     step = step[step > 0]
-    return min(int(np.median(step)), TURN // 4) if len(step) else 0
+    return min(int(middle(step)), TURN // 4) if len(step) else 0

@@ -16,7 +16,7 @@ from maritrack.io.spokes import NO_TICK, SILENCE, TICK_NS, TURN, DayCount
 from maritrack.io.spoketime import ASSUMED_PERIOD_NS
 from maritrack.io.stream import MAX_CELLS, MAX_SPOKES, MAX_TICKS, SILENT_TURNS
 from maritrack.io.sweep import Judge, Setting, Swept
-from maritrack.io.turnclock import TurnClock, exact_ns
+from maritrack.io.turnclock import TurnClock, exact_ns, middle
 from maritrack.io.turns import LEAST_ADVANCE
 from maritrack.types import IntArray
 
@@ -182,7 +182,7 @@ class TurnCount:
     @property
     def width(self) -> int:
         """Of a spoke, 0 = only its azimuth is told."""
-        return int(np.median(np.concatenate(self._widths)[:LOOK])) if self._widths else 0
+        return int(middle(np.concatenate(self._widths)[:LOOK])) if self._widths else 0
 
     def _change(self, change: Change) -> None:
         self.n_changes += 1

@@ -78,3 +78,103 @@ def test_what_can_not_be_shown_is_told_in_one_line(tmp_path: Path) -> None:
     for path in (tmp_path / "empty", tmp_path / "picture.mcap", tmp_path / "nowhere", tmp_path):
         done = call("show", path)
         assert done.code == 2 and str(path) in done.error
+
+
+KEYS = {  # of a sensor, as they are documented
+    "id", "sac", "sic", "source", "destination", "records", "spokes", "first_time", "last_time", "duration_s", "clock",
+    "scans", "period_s", "period_jitter_s", "period_spread_s", "period_least_s", "period_most_s", "rotation_rpm",
+    "spokes_per_turn", "spokes_least", "spokes_most", "spoke_width_deg", "cell_m", "cells", "range_first_m", "range_m",
+    "bits", "header", "range_scales", "compression", "compression_ratio", "lost_records", "losses", "loss_list", "gaps",
+    "gap_over_s", "gap_list", "range_changes", "range_change_list", "missing_sectors", "repeated_spokes",
+    "backward_spokes", "stray_azimuths", "odd_ranges", "clock_steps_back", "summaries",
+}  # fmt: skip
+
+
+def test_the_document_has_the_keys_that_are_documented(sample: Path) -> None:
+    from maritrack import survey
+
+    shown = call("show", sample, "--json").json
+    (sensor,) = shown["sensors"]
+    assert set(sensor) == KEYS
+    assert set(shown) == {
+        "what", "path", "kind", "octets", "container", "gzipped", "from", "to", "duration_s", "records", "scans",
+        "sensors", "other_streams", "summaries", "damage", "warnings", "origin", "truth",
+    }  # fmt: skip
+    assert all(key in (survey.__doc__ or "") for key in KEYS)
+
+
+@pytest.mark.parametrize("name", ["a.pcap", "a.final", "a.mcap", "a.cat240.gz", "a.pcap.gz"])
+def test_a_recording_shows_the_same_in_every_container(sample: Path, tmp_path: Path, name: str) -> None:
+    from maritrack.io.containers import open_container
+    from maritrack.io.datagrams import Stream
+    from maritrack.io.octets import octets_from_file
+    from maritrack.io.writers import open_writer
+
+    path = tmp_path / name
+    writer, n = open_writer(path), 0
+    for d in open_container(octets_from_file(sample, "")).datagrams():
+        for begin, end in zip(d.bounds[:-1].tolist(), d.bounds[1:].tolist(), strict=True):
+            t_ns = 1_700_000_000 * 10**9 + n * 5_000_000
+            assert writer.write(d.data[begin:end], t_ns=t_ns, stream=Stream("10.0.0.5:50000", "239.0.1.2:8600"))
+            n += 1
+    writer.close()
+    raw, packed = call("show", sample, "--json").json, call("show", path, "--json").json
+    assert packed["container"] == {"a.pcap": "pcap", "a.final": "FINAL", "a.mcap": "MCAP"}.get(
+        name.removesuffix(".gz"), "raw"
+    )
+    assert packed["gzipped"] == name.endswith(".gz") and packed["octets"] == path.stat().st_size
+    (of_raw,), (of_packed,) = raw["sensors"], packed["sensors"]
+    apart = {"source", "destination", "first_time", "last_time"}
+    assert {k: v for k, v in of_raw.items() if k not in apart} == {k: v for k, v in of_packed.items() if k not in apart}
+    if "pcap" in name:
+        assert (of_packed["source"], of_packed["destination"]) == ("10.0.0.5:50000", "239.0.1.2:8600")
+        assert of_packed["first_time"].endswith("T06:30:00.000Z")
+
+
+def test_the_page_says_what_a_radar_engineer_asks_for(sample: Path, tmp_path: Path) -> None:
+    from maritrack.io.dump import dump_records
+
+    octets = sample.read_bytes()
+    starts = [row["offset"] - 3 for row in dump_records([octets]) if row.get("type") == 2]
+    cut = tmp_path / "cut.cat240"
+    cut.write_bytes(
+        octets[: starts[10 * 512]] + octets[starts[14 * 512] : starts[30 * 512]] + octets[starts[30 * 512 + 3] :]
+    )
+    page = call("show", cut).out
+    for line in (
+        "sensor 7-42", "turns        38", "period       2.5000 s (24.00 rpm)", "range        0 m to 6000 m",
+        "cells        600 of 10.000 m, 8 bit, femto header", "spokes       512 a turn", "compression  zlib, 0.05",
+        "gaps         1 longer than 1.25 s", "lost         2051 records, 2 times", "no video in  no sector",
+        "gaps of 7-42", "lost records of 7-42",
+    ):  # fmt: skip
+        assert line in page, (line, page)
+    assert not any(len(word.partition(".")[2]) > 6 for word in page.split() if word.replace(".", "").isdigit())
+
+
+def test_standard_input_is_shown(sample: Path) -> None:
+    with sample.open("rb") as file:
+        done = spawn("show", "-", "--json", stdin=file)
+    assert done.code == 0 and done.json["records"] == 21_504 and done.json["path"] == "-"
+
+
+def test_the_page_names_damage_and_streams_without_video(tmp_path: Path) -> None:
+    from tests.io import pcap_build as build
+    from tests.io.cat240_blocks import block, video
+
+    blocks = [block(video(i, tod=i // 8, azimuth=(i * 1024 % 65_536, (i + 1) * 1024 % 65_536))) for i in range(130)]
+    packets = [build.ethernet(build.ipv4(build.udp(one))) for one in blocks]
+    nmea = build.ethernet(build.ipv4(build.udp(b"$GPGGA,1*00\r\n", ports=(4000, 4000)), addresses=(build.B, build.A)))
+    path = tmp_path / "x.pcap"
+    path.write_bytes(build.pcap([*packets, nmea])[:-3])
+    page = call("show", path).out
+    assert "10.0.0.1:4000 -> 239.0.1.2:8600" in page and "streams without radar video" in page
+    assert "10.0.0.2:4000 -> 10.0.0.1:4000" in page and "pcap-cut" in page
+
+
+def test_text_in_a_recording_can_not_drive_the_terminal(tmp_path: Path) -> None:
+    from maritrack.io.cat240_encode import encode_summary
+
+    path = tmp_path / "x.cat240"
+    path.write_bytes(encode_summary(sac=1, sic=2, text=b"\x1b[2Jhello\n") * 3)
+    page = call("show", path).out
+    assert "hello" in page and "\x1b" not in page
