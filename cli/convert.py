@@ -71,7 +71,9 @@ def convert(
     level: Annotated[int, opt.output("--level", "Of zlib, 0 to 9.")] = 6,
     time: Annotated[str, opt.given("--time", "FROM..TO, see above.")] = "",
     sensor: Annotated[str, opt.given("--sensor", "Only the records of SAC-SIC.")] = "",
-    stream: Annotated[str, opt.given("--stream", "Only ADDRESS, ADDRESS:PORT or :PORT, of either end.")] = "",
+    stream: Annotated[
+        str, opt.given("--stream", "Only ADDRESS, ADDRESS:PORT or :PORT, of either end; of an archive /input/NAME.")
+    ] = "",
     date: Annotated[str, opt.given("--date", "Day of a recording that tells times of day only: YYYY-MM-DD.")] = "",
     force: Annotated[bool, opt.output("--force", "Write over a file that is there.")] = False,
     strict: Annotated[bool, opt.given("--strict", "Stop at the first damage.")] = False,
@@ -80,6 +82,7 @@ def convert(
 ) -> None:  # fmt: skip
     """Open both, convert, tell."""
     from maritrack.convert import convert as run
+    from maritrack.io.cat240 import refuse
     from maritrack.io.recorded import open_recorded
 
     _check(recording, out, to, json_=json_, force=force)
@@ -91,12 +94,14 @@ def convert(
                 source.octets, writer, compress=compress, level=level, time_window=time, sensor=sensor,
                 stream=source.stream, date=date, strict=strict, progress=show,
             )  # fmt: skip
+        for damage in source.damage:
+            if strict:
+                refuse(damage, source.octets.name)
+            counts.warn(damage)
     except BaseException:
         _give_up(writer, out)
         raise
     writer.close() if counts.datagrams_out else _give_up(writer, out)
-    for damage in source.damage:
-        counts.warn(damage)
     _tell(counts, str(out), json_=json_, quiet=quiet)
     if counts.dropped["too-large"]:
         raise typer.Exit(1)

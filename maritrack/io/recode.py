@@ -11,17 +11,30 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from maritrack.errors import UsageError
-from maritrack.io.cat240_encode import COMPRESSED, MAX_LEN, MAX_REP, VIDEO_ITEMS, data_block
-from maritrack.io.cat240_exact import Video, parse_block
-from maritrack.io.cat240_items import Trouble, read_items
+from maritrack.io.cat240_encode import COMPRESSED, MAX_LEN, MAX_REP, VIDEO, VIDEO_ITEMS, data_block
+from maritrack.io.cat240_exact import parse_block
+from maritrack.io.cat240_items import Trouble
 from maritrack.io.framing import CAT240, HEADER, window
-from maritrack.io.recordwalk import VIDEO_BITS, sensor_name, source_at, walk
+from maritrack.io.recordwalk import (
+    BEFORE_048,
+    ITEM_048,
+    VIDEO_BITS,
+    kind_at,
+    place_after,
+    sensor_name,
+    source_at,
+    walk,
+)  # fmt: skip
 from maritrack.types import Damage
 
 INFLATION_FLOOR = 4 << 20  # octets
 INFLATION_RATIO = 256  # octets to an octet of input
-UNSURE = {"missing-item-049", "nbvb-exceeds-block", "two-video-blocks"}  # which octets are cells, and how many
-
+NEEDED = (  # bits of items, of which one has to be there
+    (0x0C00, ("missing-item-041", "video without azimuth")),
+    (ITEM_048, ("missing-item-048", "video without cell resolution")),
+    (0x0080, ("missing-item-049", "video without its number of cells")),
+)
+ITEM_OF_BIT = {item.bit: name for name, item in VIDEO_ITEMS.items()}
 CANT_READ = "a record that can't be read: its data block stays as it is"
 OVER_BUDGET = ("inflation-budget", "the input inflates to too many octets")
 
@@ -83,28 +96,25 @@ def recode_block(block: bytes, coding: Coding, budget: Budget) -> Recoded:
     """
     if not is_whole(block):
         return Recoded(block, 0, [])
-    places = walk(block, 0, len(block))
-    if places.code:
-        return Recoded(block, 0, [Damage(places.code, places.starts[-1], CANT_READ)])
-    if not any(present & VIDEO_BITS for present in places.present):
-        return Recoded(block, 0, [])
-    found = parse_block(window(0, block, final=True), 0, len(block))
-    if found.lost or found.resume != len(block):
-        return Recoded(block, 0, [Damage("lost-sync", found.resume, "another data block begins inside this one")])
-    videos = {video.at: video for video in found.videos}
-    told = {damage.offset: damage for damage in reversed(found.damage)}
+    found = walk(block, 0, len(block))
+    if found.code:
+        return Recoded(block, 0, [Damage(found.code, found.starts[-1], CANT_READ)])
+    if CAT240 in [block[at] for at in found.starts[1:-1]] and (inside := another_inside(block)):
+        return Recoded(block, 0, [Damage("lost-sync", inside, "another data block begins inside this one")])
     records, kept, changed = list[bytes](), list[Damage](), 0
-    for at, stop, present in zip(places.starts, places.starts[1:], places.present, strict=False):
-        made: bytes | Trouble | None = None
-        if at in videos:
-            made = _recode(block, (at, stop), videos[at], coding, budget)
-        elif at in told and present & VIDEO_BITS:
-            kept.append(told[at])
+    for at, stop, present in zip(found.starts, found.starts[1:], found.present, strict=False):
+        made = _recode(block, (at, stop), present, coding, budget) if present & VIDEO_BITS else None
         if isinstance(made, tuple):
             kept.append(Damage(made[0], at, made[1], sensor_name(source_at(block, at, present))))
         changed += isinstance(made, bytes)
         records.append(made if isinstance(made, bytes) else block[at:stop])
     return Recoded(_joined(records) if changed else block, changed, kept)
+
+
+def another_inside(block: bytes) -> int:
+    """Where the exact reader takes what looks like a record for the header of another data block, 0 = nowhere."""
+    resume = parse_block(window(0, block, final=True), 0, len(block)).resume
+    return resume if resume < len(block) else 0
 
 
 def inflate(packed: bytes, octets: int) -> bytes | Trouble:
@@ -155,50 +165,64 @@ def is_whole(block: bytes) -> bool:
 
 
 def _recode(
-    block: bytes, place: tuple[int, int], record: Video, coding: Coding, budget: Budget
+    block: bytes, place: tuple[int, int], present: int, coding: Coding, budget: Budget
 ) -> bytes | Trouble | None:
-    """The record recoded, None where it is as wanted already, or why it can't be."""
-    if record.compressed == coding.compress:
+    """The record at `place` (to its end) recoded, None where it is as wanted already, or why it can't be."""
+    at, stop = place
+    form = place_after(block, at, present & BEFORE_048)  # 048, then 049 and the video item
+    if present & ITEM_048 and (block[form] >= COMPRESSED) == coding.compress:
         return None
-    trouble = next((one for one in record.troubles if one[0] in UNSURE), None)
-    body = trouble or _body(block, record, coding, budget)
+    if trouble := _lacking(block, at, present):
+        return trouble
+    item = ITEM_OF_BIT[present & VIDEO_BITS]
+    nbvb, nbcells = block[form + 2] << 8 | block[form + 3], int.from_bytes(block[form + 4 : form + 7], "big")
+    first, old = form + 8, VIDEO_ITEMS[item]
+    if nbvb > block[first - 1] * old.octets:
+        return "nbvb-exceeds-block", f"{nbvb} valid octets are declared, the block has {block[first - 1] * old.octets}"
+    body = _body(block[first : first + nbvb], nbcells, block[form + 1], coding, item, budget)
     if isinstance(body, tuple):
         return body
-    item = item_for(len(body), record.item)
-    made = _with_body(block, place, record, body, item) if item else b""
-    if not item or len(made) > MAX_LEN - HEADER:
+    name = item_for(len(body), item)
+    new = VIDEO_ITEMS[name or item]
+    rep = -(-len(body) // new.octets)
+    tail = first + block[first - 1] * old.octets
+    if not name or first - at + rep * new.octets + stop - tail > MAX_LEN - HEADER:
         return too_large(len(body))
-    return made
+    head = bytearray(block[at:first])
+    head[1] += new.bit - old.bit
+    head[form - at] ^= COMPRESSED
+    head[form - at + 2 : form - at + 4] = len(body).to_bytes(2, "big")
+    head[-1] = rep
+    return b"".join((head, body, bytes(rep * new.octets - len(body)), block[tail:stop]))
 
 
-def _body(block: bytes, record: Video, coding: Coding, budget: Budget) -> bytes | Trouble:
+def _lacking(block: bytes, at: int, present: int) -> Trouble | None:
+    """What a record with a video block lacks, so that it can't be told which octets are its cells."""
+    for bits, told in NEEDED:
+        if not present & bits:
+            return told
+    if present & VIDEO_BITS not in ITEM_OF_BIT:
+        return "two-video-blocks", "more than one video block"
+    return (
+        None if kind_at(block, at, present) in (-1, VIDEO) else ("type-mismatch", "video in a record of another type")
+    )
+
+
+def _body(packed: bytes, nbcells: int, res: int, coding: Coding, item: str, budget: Budget) -> bytes | Trouble:
     """The octets of the cells as wanted, or why there are none."""
-    packed = block[record.first : record.stop]
-    octets = (record.nbcells or 0) * record.bits + 7 >> 3
+    if not 1 <= res <= 6:
+        return "bad-res", f"resolution {res} is not one of 1 to 6"
+    octets = (nbcells << res - 1) + 7 >> 3
     if coding.compress:
         if len(packed) == octets:
             return zlib.compress(packed, coding.level)
         what = "cells-long" if len(packed) > octets else "cells-short"
         return what, f"{octets} octets of cells are declared, {len(packed)} are valid"
-    if not item_for(octets, record.item):
+    if not item_for(octets, item):
         return too_large(octets)
     if not budget.take(octets):
         return OVER_BUDGET
     return inflate(packed, octets) if octets or packed else b""
-
-
-def _with_body(block: bytes, place: tuple[int, int], record: Video, body: bytes, item: str) -> bytes:
-    """The record at `place` (to its end) with other octets of cells, in `item`."""
-    at, stop = place
-    span, kind = read_items(block, at, stop).span, VIDEO_ITEMS[item]
-    first, last = span[record.item]
-    head = bytearray(block[at:first])
-    head[1] += kind.bit - VIDEO_ITEMS[record.item].bit
-    head[span["048"][0] - at] ^= COMPRESSED
-    counts = span["049"][0] - at
-    head[counts : counts + 2] = len(body).to_bytes(2, "big")
-    rep = -(-len(body) // kind.octets)
-    return b"".join((head, bytes((rep,)), body, bytes(rep * kind.octets - len(body)), block[last:stop]))
 
 
 def _joined(records: Sequence[bytes]) -> bytes:

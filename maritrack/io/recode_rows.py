@@ -20,7 +20,7 @@ from maritrack.io.datablocks import Blocks, blocks_of, joined
 from maritrack.io.datagrams import Datagrams
 from maritrack.io.framing import HEADER, window
 from maritrack.io.recode import CANT_READ, OVER_BUDGET, Budget, Coding, inflate_bare, recode_block, too_large, why_not
-from maritrack.io.recordwalk import VIDEO_BITS, sensor_name, walk
+from maritrack.io.recordwalk import CODES, VIDEO_BITS, sensor_name, walk
 from maritrack.types import Damage, IntArray
 
 GROUP = 32 << 20  # octets that may wait in memory to be written
@@ -60,32 +60,40 @@ def _octets(rows: Rows) -> IntArray:
 def _recode_some(d: Datagrams, blocks: Blocks, span: slice, coding: Coding, budget: Budget) -> Some:
     owner, bounds = blocks.owner[span], blocks.bounds[span.start : span.stop + 1].tolist()
     parts = [d.data[first:last] for first, last in pairwise(bounds)]
-    usual, rows = blocks.usual[span], blocks.rows[span]
-    todo = np.flatnonzero(usual & (rows["compressed"] != coding.compress))
-    done = _recode_rows(d.data, take_rows(rows, todo), coding, budget)
-    changed, kept = 0, _Kept()
-    video = blocks.odd[(blocks.present == 0) | (blocks.present & VIDEO_BITS > 0)] - span.start
-    odd = video[(video >= 0) & (video < len(owner))].tolist()
-    places = (d.offset[owner] + blocks.bounds[span] - d.bounds[owner]).tolist()
-    for i, made in zip(todo.tolist(), done, strict=True):
+    rows, places = blocks.rows[span], d.offset[owner] + blocks.bounds[span] - d.bounds[owner]
+    todo = np.flatnonzero(blocks.usual[span] & (rows["compressed"] != coding.compress))
+    kept, changed = _Kept(), 0
+    odd = _to_look_at(blocks, span, places, kept)
+    for i, made in zip(todo.tolist(), _recode_rows(d.data, take_rows(rows, todo), coding, budget), strict=True):
         if isinstance(made, bytes):
             parts[i] = made
             changed += 1
         elif made is None:
             odd.append(i)
         else:
-            kept.tell(made, int(rows["sac"][i] << 8 | rows["sic"][i]), places[i] + HEADER)
+            kept.tell(made, int(rows["sac"][i] << 8 | rows["sic"][i]), int(places[i]) + HEADER)
     for i in odd:
         records = walk(d.data, bounds[i], bounds[i + 1])
         if records.code:
-            kept.tell((records.code, CANT_READ), -1, places[i] + records.starts[-1] - bounds[i])
+            kept.tell((records.code, CANT_READ), -1, int(places[i]) + records.starts[-1] - bounds[i])
         elif any(present & VIDEO_BITS for present in records.present):
             found = recode_block(parts[i], coding, budget)
             parts[i] = found.octets
             changed += found.changed
             for damage in found.kept:
-                kept.tell((damage.code, damage.message), damage.sensor, places[i] + damage.offset)
+                kept.tell((damage.code, damage.message), damage.sensor, int(places[i]) + damage.offset)
     return Some(joined(parts, owner), changed, kept.damage())
+
+
+def _to_look_at(blocks: Blocks, span: slice, places: IntArray, kept: _Kept) -> list[int]:
+    """Which of the blocks of the span may have to be recoded though they aren't of the usual make."""
+    here = slice(*np.searchsorted(blocks.odd, [span.start, span.stop]).tolist())
+    odd, present, code = blocks.odd[here] - span.start, blocks.present[here], blocks.code[here]
+    for one in np.unique(code[code > 0]).tolist():
+        these = odd[code == one]
+        kept.tell((CODES[one], CANT_READ), -1, int(places[these[0]]) + HEADER, count=len(these))
+    look: list[int] = odd[(code == 0) & ((present == 0) | (present & VIDEO_BITS > 0))].tolist()
+    return look
 
 
 class _Kept:
@@ -94,10 +102,10 @@ class _Kept:
     def __init__(self) -> None:
         self._told: dict[tuple[str, int | str], list[Any]] = {}
 
-    def tell(self, trouble: Trouble, sensor: int | str, offset: int) -> None:
+    def tell(self, trouble: Trouble, sensor: int | str, offset: int, *, count: int = 1) -> None:
         """Count a trouble of a sensor (its name, or SAC << 8 | SIC)."""
         told = self._told.setdefault((trouble[0], sensor), [0, offset, trouble[1]])
-        told[0] += 1
+        told[0] += count
         if offset < told[1]:
             told[1:] = offset, trouble[1]
 

@@ -12,11 +12,11 @@ from maritrack.io.cat240_items import ITEMS
 from maritrack.types import IntArray
 
 HEADER = 3
-ITEM_010, ITEM_000, ITEM_140 = 0x8000, 0x4000, 0x0008  # bits of presence, first octet of FSPEC high
+ITEM_010, ITEM_000, ITEM_048, ITEM_140 = 0x8000, 0x4000, 0x0200, 0x0008  # bits of presence, first octet of FSPEC high
 VIDEO_BITS = 0x0070
 VENDOR_BITS = 0x0006
 CODES = ("", "truncated-item", "fspec-too-long", "frn-not-in-uap", "empty-fspec")
-BEFORE_140 = 0xFEF0
+BEFORE_048, BEFORE_140 = 0xFC00, 0xFEF0
 
 
 class Records(NamedTuple):
@@ -138,17 +138,20 @@ def kind_at(data: bytes, at: int, present: int) -> int:
 
 def time_at(data: bytes, at: int, end: int, present: int) -> int:
     """Time of day of the record at `at`, -1 = none, or it would be behind `end`."""
-    if not present & ITEM_140:
-        return -1
-    steps, rest = layout(present & BEFORE_140)
-    place = at + 2
+    place = place_after(data, at, present & BEFORE_140, end) if present & ITEM_140 else end
+    return data[place] << 16 | data[place + 1] << 8 | data[place + 2] if place + 3 <= end else -1
+
+
+def place_after(data: bytes, at: int, items: int, end: int = -1) -> int:
+    """The place behind these items of the record at `at`, which are its first; with `end` at most about there."""
+    steps, rest = layout(items)
+    place = at + 1 + (data[at] & 1)
     for skip, unit, more in steps:
         place += skip
-        if place >= end:
-            return -1
+        if 0 <= end <= place:
+            return end
         place += data[place] * unit + more
-    place += rest
-    return data[place] << 16 | data[place + 1] << 8 | data[place + 2] if place + 3 <= end else -1
+    return place + rest
 
 
 def presence(data: bytes, at: int, end: int) -> int:

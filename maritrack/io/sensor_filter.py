@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from maritrack.io.cat240_encode import SUMMARY, VIDEO, data_block
-from maritrack.io.cat240_exact import parse_block
 from maritrack.io.cat240_items import read_items
 from maritrack.io.datablocks import Blocks, blocks_of, joined
 from maritrack.io.datagrams import Datagrams
-from maritrack.io.framing import CAT240, window
-from maritrack.io.recode import data_blocks, is_whole
+from maritrack.io.framing import CAT240
+from maritrack.io.recode import another_inside, data_blocks, is_whole
 from maritrack.io.recordwalk import ITEM_010, VENDOR_BITS, Records, kind_at, presence, source_at, walk
 from maritrack.io.select import subset
 from maritrack.types import BoolArray, IntArray
@@ -51,8 +50,11 @@ def of_sensor(d: Datagrams, source: int) -> Ours:
     single = blocks.present > 0
     keep[blocks.odd] = single & (blocks.source == source)
     cut += int((single & (blocks.source != source)).sum())
-    for i in blocks.odd[(blocks.code == 0) & ~single].tolist():
-        found = keep_sensor(d.data[int(blocks.bounds[i]) : int(blocks.bounds[i + 1])], source)
+    look = blocks.odd[(blocks.code == 0) & ~single]
+    for i, first, last in zip(
+        look.tolist(), blocks.bounds[look].tolist(), blocks.bounds[look + 1].tolist(), strict=True
+    ):
+        found = keep_sensor(d.data[first:last], source)
         left[i] = found.octets
         keep[i] = len(found.octets) > 0
         cut += found.cut
@@ -85,21 +87,13 @@ def _keep_of_several(block: bytes, source: int) -> Filtered:
         one = rest.pop(0)
         if is_whole(one):
             records = walk(one, 0, len(one))
-            inside = _another_inside(one, records)
+            inside = another_inside(one)
+            inside = inside if inside in records.starts[1:] else 0
             kept = _before(one, records, source, inside) if inside else _keep(one, records, source)
             parts.append(kept.octets)
             cut += kept.cut
             rest = [*data_blocks(one[inside:]), *rest] if inside else rest
     return Filtered(b"".join(parts), cut)
-
-
-def _another_inside(block: bytes, records: Records) -> int:
-    """Where the header of another data block was taken for a record, 0 = nowhere."""
-    starts = records.starts if records.code else records.starts[:-1]
-    if all(block[at] != CAT240 for at in starts[1:]):
-        return 0
-    resume = parse_block(window(0, block, final=True), 0, len(block)).resume
-    return resume if resume in starts[1:] else 0
 
 
 def _keep(block: bytes, records: Records, source: int) -> Filtered:

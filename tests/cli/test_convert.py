@@ -78,6 +78,8 @@ def test_an_archive_of_a_run_that_was_killed_gives_what_is_there(sample: Path, t
     done = call("convert", archive, tmp_path / "back.cat240")
     assert done.code == 0 and "warning: archive-" in done.out
     assert sample.read_bytes().startswith((tmp_path / "back.cat240").read_bytes())
+    assert "(archive-" in call("convert", archive, tmp_path / "strict.cat240", "--strict").error
+    assert not (tmp_path / "strict.cat240").exists()
 
 
 def test_of_an_archive_with_several_recordings_one_is_chosen(sample: Path, tmp_path: Path) -> None:

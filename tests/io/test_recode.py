@@ -224,11 +224,10 @@ KEPT: dict[str, tuple[bytes, Coding]] = {
     "missing-item-049": (video(1, without=["049"]), PACK),
     "nbvb-exceeds-block": (video(1, nbvb=40, nbcells=40), PACK),
     "two-video-blocks": (video(1, items={"051": b"\1" + bytes(64)}), PACK),
+    "missing-item-041": (video(1, without=["041"]), PACK),
     "bad-res": (video(1, res=9), PACK),
     "missing-item-048": (video(1, without=["048"]), PACK),
-    "cell-duration-zero": (video(1, items={"041": bytes(12)}), PACK),
     "type-mismatch": (video(1, items={"000": b"\1"}), PACK),
-    "unknown-type": (video(1, items={"000": b"\7"}), PACK),
     "truncated-item": (video(1, items={"SP": b"\x09ab"}), PACK),
 }
 
@@ -251,7 +250,8 @@ def test_a_sound_record_is_recoded_beside_one_that_stays() -> None:
 
 def test_what_is_warned_of_for_other_reasons_is_recoded() -> None:
     odd = video(1, without=["010", "020"], azimuth=(0, 60_000), items={"140": b"\xff\xff\xff"})
-    assert recoded(block(odd), PACK).changed == 1
+    for made in (odd, video(1, items={"041": bytes(12)}), video(1, items={"040": bytes(12)})):
+        assert recoded(block(made), PACK).changed == 1
 
 
 @given(streams(), st.booleans())
