@@ -122,15 +122,9 @@ def summary(document: Mapping[str, Any]) -> None:
     )
     scores(document, objects=True)
     if counts["warnings"]:
-        first = document.get("warnings", {})
         rows = [
-            (
-                code,
-                first[code]["message"] if code in first else "",
-                str(count),
-                str(first.get(code, {}).get("offset", "-")),
-            )
-            for code, count in counts["warnings"].items()
+            (code, first["message"], str(first["count"]), str(first["offset"]) if first["offset"] >= 0 else "-")
+            for code, first in document["warnings"].items()
         ]
         table("warnings", ("code", "first", "count", "at byte"), rows, text_columns=2)
     for name, path in document.get("outputs", {}).items():

@@ -40,7 +40,7 @@ class Recording:
     origin: Origin | None
     reference: Reference | None
     side: Mapping[str, bytes]  # documents that replay needs besides the input: "truth", "own-ship", "sensors"
-    damage: Mapping[str, int]  # of the side documents, by code
+    damage: tuple[Damage, ...]  # of the side documents, one a code
 
 
 def kinds_of(octets: Sequence[Octets]) -> tuple[str, ...]:
@@ -124,9 +124,8 @@ def open_recording(
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
     if reference is None:
         reference = getattr(merged, "reference", None)
-    damage: dict[str, int] = {}
-    for item in reference.damage if reference is not None else ():
-        damage[f"truth-{item.code}"] = damage.get(f"truth-{item.code}", 0) + item.count
+    wrong = reference.damage if reference is not None else ()
+    damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
     frames = nonempty(windowed(merged.frames(), settings), sources, octets)
     return Recording(tuple(kinds), frames, merged.origin or origin, reference, side, damage)
 

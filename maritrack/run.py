@@ -15,7 +15,7 @@ import numpy as np
 from maritrack.chain import Chain, process
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
-from maritrack.types import CONFIRMED, Frame, Result, RunManifest
+from maritrack.types import CONFIRMED, Damage, Frame, Result, RunManifest
 
 
 class Sink(Protocol):
@@ -52,6 +52,12 @@ class Tally:
     ids_confirmed: set[int] = field(default_factory=set)
     ids_moving: set[int] = field(default_factory=set)
 
+    def note(self, damage: Damage) -> None:
+        """Count what was wrong; the first of a code tells where."""
+        self.damage[damage.code] = self.damage.get(damage.code, 0) + damage.count
+        first = {"offset": damage.offset, "message": damage.message, "sensor": damage.sensor}
+        self.damage_first.setdefault(damage.code, first)
+
     def add(self, result: Result, which: Any) -> None:
         """Take one result in."""
         self.frames += 1
@@ -65,11 +71,9 @@ class Tally:
         self.ids_confirmed.update(result.tracks.id[held].tolist())
         self.ids_moving.update(result.tracks.id[moving].tolist())
         for damage in result.frame.damage:
-            self.damage[damage.code] = self.damage.get(damage.code, 0) + damage.count
+            self.note(damage)
             key = f"{damage.sensor or '-'}:{damage.code}"
             self.damage_sensor[key] = self.damage_sensor.get(key, 0) + damage.count
-            first = {"offset": damage.offset, "message": damage.message, "sensor": damage.sensor}
-            self.damage_first.setdefault(damage.code, first)
         for name, value in result.timing_ms.items():
             self.timing_ms[name] = self.timing_ms.get(name, 0.0) + value
         self.sums = hold(
@@ -85,7 +89,7 @@ def run(
     *,
     reference: Reference | None = None,
     progress: Progress | None = None,
-    extra_damage: Mapping[str, int] | None = None,
+    extra_damage: Sequence[Damage] = (),
     keep_partial: bool = False,
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
@@ -98,7 +102,8 @@ def run(
 
     config = chain.config
     tally = Tally(ScoreSums(), config.score.hold_m)
-    tally.damage.update(extra_damage or {})
+    for damage in extra_damage:
+        tally.note(damage)
     state, interrupted = chain.init(), False
     opened: list[Sink] = []
     started = time.process_time()
@@ -222,7 +227,7 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "metrics": means(tally.sums),
         "objects": summary_objects(tally.sums),
         "counts": counts,
-        "warnings": {code: tally.damage_first.get(code, {}) | {"count": n} for code, n in sorted(tally.damage.items())},
+        "warnings": {code: tally.damage_first[code] | {"count": n} for code, n in sorted(tally.damage.items())},
         "timing": timing | {"total_s": total_s},
         "interrupted": interrupted,
         "score": {"c_m": chain.config.score.c_m, "p": chain.config.score.p, "hold_m": chain.config.score.hold_m},

@@ -115,7 +115,7 @@ def _show_frames(path: Path) -> dict[str, Any]:
     side = side_documents([path], truth=None, own_ship=None, sensors=None)
     recording = open_recording(octets, kinds, side, config)
     sensors: dict[str, _Seen] = {}
-    warnings: dict[str, int] = dict(recording.damage)
+    warnings = {damage.code: damage.count for damage in recording.damage}
     first_ns = last_ns = None
     for frame in recording.frames:
         sensors.setdefault(frame.scan.sensor.id, _Seen()).add(frame)

@@ -56,6 +56,7 @@ class Budget:
     """Octets that may still be inflated: a hostile input grows to a multiple of its size and no further."""
 
     left: int = INFLATION_FLOOR
+    trusting: bool = True  # most streams have been as they are declared
 
     def earn(self, octets: int) -> None:
         """So many more octets of input were read."""

@@ -6,20 +6,22 @@ Blocks of the usual make are done as arrays, all others one by one by `maritrack
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from maritrack.io.cat240_cells import HEAD, Rows, gather, take_rows
+from maritrack.io.cat240_cells import FREE_OCTETS, HEAD, Rows, gather, take_rows
 from maritrack.io.cat240_encode import COMPRESSED, MAX_LEN, MAX_REP, VIDEO_ITEMS
 from maritrack.io.cat240_exact import INFLATION
 from maritrack.io.cat240_items import Trouble
 from maritrack.io.datablocks import Blocks, blocks_of, joined
 from maritrack.io.datagrams import Datagrams
 from maritrack.io.framing import HEADER, window
-from maritrack.io.recode import CANT_READ, OVER_BUDGET, Budget, Coding, inflate_bare, recode_block, too_large, why_not
+from maritrack.io.inflate import inflate
+from maritrack.io.recode import CANT_READ, OVER_BUDGET, Budget, Coding, recode_block, too_large
+from maritrack.io.recode import inflate as inflate_one
 from maritrack.io.recordwalk import CODES, VIDEO_BITS, sensor_name, walk
 from maritrack.types import Damage, IntArray
 
@@ -27,6 +29,9 @@ GROUP = 32 << 20  # octets that may wait in memory to be written
 BITS = np.array([item.bit for item in VIDEO_ITEMS.values()])
 OCTETS = np.array([item.octets for item in VIDEO_ITEMS.values()])
 ZEROS = bytes(256)
+FEW = 4  # streams of as many octets for which a buffer doesn't pay
+
+Body = bytes | memoryview | Trouble | None
 
 
 class Some(NamedTuple):
@@ -121,15 +126,15 @@ def _recode_rows(data: bytes, rows: Rows, coding: Coding, budget: Budget) -> lis
     """Data blocks of the usual make, all to be recoded, or why not; None = to be done the exact way."""
     if len(rows) == 0:
         return []
-    source = memoryview(data)
-    spans = zip(rows["first"].tolist(), (rows["first"] + rows["octets"]).tolist(), strict=True)
+    source, first, stop = memoryview(data), rows["first"], rows["first"] + rows["octets"]
     if coding.compress:
         compress, level = zlib.compress, coding.level
-        return [*_with_bodies(data, rows, [compress(source[first:stop], level) for first, stop in spans])]
+        spans = zip(first.tolist(), stop.tolist(), strict=True)
+        return [*_with_bodies(data, rows, [compress(source[begin:end], level) for begin, end in spans])]
     octets = _octets(rows)
     small = octets <= MAX_REP * OCTETS[-1]
     affordable = small & (np.cumsum(np.where(small, octets, 0)) <= budget.left)
-    bodies = _inflated(source, spans, np.where(affordable, octets, -1).tolist())
+    bodies = _inflated(source, first, stop, np.where(affordable, octets, -1), budget)
     budget.take(int(octets[affordable].sum()))
     done: list[bytes | Trouble | None] = [*_with_bodies(data, rows, bodies)]
     for i in np.flatnonzero(~affordable).tolist():
@@ -140,29 +145,34 @@ def _recode_rows(data: bytes, rows: Rows, coding: Coding, budget: Budget) -> lis
     return done
 
 
-def _inflated(source: memoryview, spans: Iterable[tuple[int, int]], octets: list[int]) -> list[bytes | Trouble | None]:
-    """The octets that zlib streams inflate to, or why they aren't as many as told; None where -1 was told."""
-    bodies: list[bytes | Trouble | None] = []
-    append, inflater = bodies.append, zlib.decompressobj
-    for (first, stop), n in zip(spans, octets, strict=True):
-        body: bytes | Trouble | None = None
-        if n >= 0:
-            stream = inflater()
-            try:
-                body = stream.decompress(source[first:stop], n + 1)
-            except zlib.error:
-                body = inflate_bare(bytes(source[first:stop]), n)
-            else:
-                body = body if len(body) == n and stream.eof else why_not(len(body), n, ended=stream.eof)
-        append(body)
+def _inflated(source: memoryview, first: IntArray, stop: IntArray, octets: IntArray, budget: Budget) -> list[Body]:
+    """What zlib streams inflate to, or why it isn't as many octets as told; None where -1 was told."""
+    bodies: list[Body] = [None] * len(octets)
+    short = bool((stop - first).max() <= FREE_OCTETS)
+    order = np.argsort(octets, kind="stable")
+    for index in np.split(order, np.flatnonzero(np.diff(octets[order])) + 1):
+        n = int(octets[index[0]])
+        if n < 0:
+            continue
+        begin, end, which = first[index].tolist(), stop[index].tolist(), index.tolist()
+        target = memoryview(bytearray(n * len(which)))
+        if n == 0 or len(which) < FEW or not budget.trusting:
+            failed = [*range(len(which))]
+        else:
+            failed = inflate(source, begin, end, target, freely=short)
+            budget.trusting = len(failed) * 8 <= len(which)  # else each is inflated twice
+        for at, i in zip(range(0, len(target), n or 1), which, strict=False):
+            bodies[i] = target[at : at + n]
+        for k in failed:
+            bodies[which[k]] = inflate_one(source[begin[k] : end[k]].tobytes(), n)
     return bodies
 
 
-def _with_bodies(data: bytes, rows: Rows, bodies: Sequence[bytes | Trouble | None]) -> list[bytes | None]:
+def _with_bodies(data: bytes, rows: Rows, bodies: Sequence[Body]) -> list[bytes | None]:
     """The blocks with other octets of cells, None where there are none or where they don't fit."""
     w = window(0, data, final=True)
     head = gather(w, rows["block"], HEAD.itemsize).view(HEAD)[:, 0].copy()
-    size = np.array([len(body) if isinstance(body, bytes) else -1 for body in bodies])
+    size = np.array([-1 if body is None or isinstance(body, tuple) else len(body) for body in bodies])
     old = np.argmax(head["fspec"][:, 1, None] & BITS > 0, axis=1)
     holds = size[:, None] <= MAX_REP * OCTETS
     item = np.where(holds[np.arange(len(rows)), old], old, np.argmax(holds, axis=1))
@@ -177,7 +187,7 @@ def _with_bodies(data: bytes, rows: Rows, bodies: Sequence[bytes | Trouble | Non
     tails = zip(tail.tolist(), rows["block_end"].tolist(), strict=True)
     return [
         b"".join((heads[i * n : i * n + n], body, ZEROS[:pad], data[first:last]))
-        if fit and isinstance(body, bytes)
+        if fit and body is not None and not isinstance(body, tuple)
         else None
         for i, (fit, body, pad, (first, last)) in enumerate(zip(fits.tolist(), bodies, pads, tails, strict=True))
     ]

@@ -211,6 +211,17 @@ def test_a_damage_code_comes_with_its_first_place(sample: Path, tmp_path: Path) 
     assert all(0 <= one["offset"] <= len(octets) + 3 for one in first.values())
 
 
+def test_damage_of_the_truth_is_told_beside_that_of_the_recording(sample: Path, tmp_path: Path) -> None:
+    octets = sample.read_bytes()[:400_000]
+    (tmp_path / "cut.cat240").write_bytes(octets + b"\xf0\x00\x01")
+    table = "mmsi,time,lat,lon\n1,2026-03-18T05:00:00Z,54.68,13.43\n1,2026-03-18T05:00:00Z,91.0,13.43\n"
+    (tmp_path / "ais.csv").write_text(table)
+    done = call("process", tmp_path / "cut.cat240", "--truth", tmp_path / "ais.csv", "--no-rrd", "-o", tmp_path / "out")
+    assert done.code == 0 and "truth-bad-position" in done.out
+    document = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert document["warnings"]["truth-bad-position"]["count"] == 1
+
+
 def test_a_wrong_key_in_a_configuration_file_names_the_file(sample: Path, tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
     file.write_text("[model]\np_detekt = 0.5\n")

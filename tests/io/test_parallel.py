@@ -28,9 +28,13 @@ from tests.io.test_cat240_equal import damaged_recording
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are looked for in /proc")
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
+import os
+from itertools import count, takewhile
 from maritrack.io.cat240 import read_batches
 from tests.io.test_parallel import children, recording
-batches = read_batches((recording(2000, seed=k) for k in range(10**6)), workers=2)
+parent = os.getppid()
+endless = (recording(2000, seed=k) for k in takewhile(lambda _: os.getppid() == parent, count()))
+batches = read_batches(endless, workers=2)
 next(batches)
 print(*children(), flush=True)
 for _ in batches:
