@@ -46,6 +46,7 @@ BELOW = {  # what each part of the package may import besides itself
     "survey": BASE | {"geo", "io"},
     "show": BASE | {"config", "io", "recording", "survey"},
     "papers": BASE | {"config", "trackers"},
+    "fanout": set[str](),
 }
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
