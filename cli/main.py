@@ -21,6 +21,7 @@ from maritrack.errors import MaritrackError
 from . import config, convert, diff, dump, export, papers, play, process, record, replay, score, show, simulate
 
 EXIT_BUG, EXIT_INTERRUPTED, EXIT_PIPE = 70, 130, 141
+WrongUsage: Any = typer.BadParameter.__bases__[0]  # of all errors in arguments; Typer gives it no public name
 
 
 class _Commands(TyperGroup):
@@ -65,16 +66,28 @@ def _root(
     pass
 
 
-def _run() -> None:
+def _run() -> int:
     """Run the program and write out what it said. Typer turns a broken pipe into exit 1: told apart by its cause."""
     try:
-        app()
+        code = app(standalone_mode=False)
     except SystemExit as ended:
         if isinstance(ended.__context__, BrokenPipeError):
             raise ended.__context__ from None
-        if sys.stdout is not None:
-            sys.stdout.flush()  # not at the interpreter's end, where nobody could answer
         raise
+    if sys.stdout is not None:
+        sys.stdout.flush()  # not at the interpreter's end, where nobody could answer
+    return int(code or 0)
+
+
+def _tell_usage(error: Any) -> None:
+    """One line, and where help is; the program alone gets its help."""
+    if not error.format_message():
+        error.show()
+        return
+    told = error.format_message()
+    print(f"error: {told[:1].lower()}{told[1:].rstrip('.')}", file=sys.stderr)
+    if error.ctx is not None:
+        print(f"hint: {error.ctx.command_path} --help", file=sys.stderr)
 
 
 def _forget_output() -> None:
@@ -88,7 +101,10 @@ def _forget_output() -> None:
 def main() -> None:
     """Run the program; the only place that catches."""
     try:
-        _run()
+        sys.exit(_run())
+    except WrongUsage as error:
+        _tell_usage(error)
+        sys.exit(2)
     except MaritrackError as error:
         print(f"error: {error}", file=sys.stderr)
         if error.hint:
@@ -97,7 +113,7 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the rest has no reader
         sys.exit(EXIT_PIPE)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(EXIT_INTERRUPTED)
     except OSError as error:
         _forget_output()

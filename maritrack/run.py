@@ -94,7 +94,7 @@ def run(
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
 
-    An interruption by the user ends the run after the frame in work and closes the sinks, and the summary says
+    An interruption (Ctrl-C, SIGTERM) ends the run after the frame in work and closes the sinks, and the summary says
     so (`keep_partial`: aborts them instead); any other error aborts them, so that no half run stands under a
     final name. Sinks open with the first frame: an input without one leaves nothing behind.
     """
@@ -139,7 +139,8 @@ def run(
 
 @contextmanager
 def interruptions() -> Iterator[Callable[[], bool]]:
-    """Whether the user has asked to stop: the first Ctrl-C waits for the frame in work, the second does not."""
+    """Whether somebody has asked to stop: the first Ctrl-C or SIGTERM waits for the frame in work, the second does
+    not."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
@@ -150,11 +151,12 @@ def interruptions() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         asked.append(number)
 
-    before = signal.signal(signal.SIGINT, note)
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield lambda: bool(asked)
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def with_truth(frames: Iterable[Frame], reference: Reference | None, chain: Chain) -> Iterator[Frame]:

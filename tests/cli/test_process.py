@@ -142,10 +142,11 @@ def test_two_runs_do_not_write_into_one_folder_at_once(sample: Path, tmp_path: P
     assert first.returncode == 0 and (tmp_path / "run.mcap").is_file()
 
 
-def test_an_interrupted_run_is_closed_and_says_so(sample: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_is_closed_and_says_so(sample: Path, tmp_path: Path, number: int) -> None:
     with start("process", sample, "-o", tmp_path, "--no-rrd", "-q") as process:
         _wait_for(tmp_path / "run.mcap.partial", process, scans=20)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         process.communicate(timeout=60)
     assert process.returncode == 130
     assert not list(tmp_path.glob("*.partial"))
@@ -220,6 +221,22 @@ def test_damage_of_the_truth_is_told_beside_that_of_the_recording(sample: Path, 
     assert done.code == 0 and "truth-bad-position" in done.out
     document = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert document["warnings"]["truth-bad-position"]["count"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("process",), "error: missing argument 'inputs'"),
+        (("process", "x", "--bogus"), "error: no such option: --bogus"),
+        (("process", "x", "--limit", "many"), "error: invalid value for '--limit'"),
+        (("frob",), "error: no such command 'frob'"),
+    ],
+)
+def test_wrong_arguments_are_told_in_one_line_with_the_way_to_help(arguments: tuple[str, ...], told: str) -> None:
+    done = call(*arguments)
+    lines = done.err.splitlines()
+    assert done.code == 2 and done.out == "" and lines[0].startswith(told)
+    assert len(lines) == 2 and lines[1].startswith("hint: ") and lines[1].endswith(" --help")
 
 
 def test_a_wrong_key_in_a_configuration_file_names_the_file(sample: Path, tmp_path: Path) -> None:
