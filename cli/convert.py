@@ -13,9 +13,9 @@ from . import options as opt
 
 if TYPE_CHECKING:
     from maritrack.convert import Counts
+    from maritrack.io.containers.writers import RawWriter
     from maritrack.io.datagrams import DatagramWriter
-    from maritrack.io.recorded import Recorded
-    from maritrack.io.writers import RawWriter
+    from maritrack.io.rewrite.recorded import Recorded
 
 HELP = """A CAT240 recording into another container, whole or in part, without loss.
 
@@ -82,8 +82,8 @@ def convert(
 ) -> None:  # fmt: skip
     """Open both, convert, tell."""
     from maritrack.convert import convert as run
-    from maritrack.io.cat240 import refuse
-    from maritrack.io.recorded import open_recorded
+    from maritrack.io.cat240.reader import refuse
+    from maritrack.io.rewrite.recorded import open_recorded
 
     _check(recording, out, to, json_=json_, force=force)
     source = open_recorded(recording, stream=stream)
@@ -134,7 +134,7 @@ def _partial(out: Path) -> Path:
 
 
 def _open(out: Path, kind: str) -> DatagramWriter:
-    from maritrack.io.writers import RawWriter, open_writer
+    from maritrack.io.containers.writers import RawWriter, open_writer
 
     if str(out) != "-":
         return open_writer(out, kind=kind)

@@ -54,8 +54,8 @@ def play(
 ) -> None:
     """Read, wait, send, tell."""
     from maritrack.errors import UsageError
-    from maritrack.io.containers import open_container
-    from maritrack.io.recorded import open_recorded
+    from maritrack.io.containers.kinds import open_container
+    from maritrack.io.rewrite.recorded import open_recorded
     from maritrack.live.pace import Pace
     from maritrack.live.play import Player
     from maritrack.live.sockets import refused, sending_socket

@@ -55,7 +55,7 @@ def record(
 ) -> None:
     """Listen, write, tell."""
     from maritrack.errors import InputError
-    from maritrack.io.writers import open_writer
+    from maritrack.io.containers.writers import open_writer
     from maritrack.live.record import Tally
     from maritrack.live.record import record as receive
     from maritrack.live.sockets import endpoint, granted_octets, receiving_socket
@@ -100,7 +100,7 @@ def _check(port: int, out: Path, duration: float | None, max_octets: int | None,
 
 def _is_raw(out: Path) -> bool:
     """Whether the name asks for data blocks without a container."""
-    from maritrack.io.writers import KINDS
+    from maritrack.io.containers.writers import KINDS
 
     suffixes = [suffix.lower() for suffix in out.suffixes if suffix.lower() != ".gz"]
     return bool(suffixes) and suffixes[-1] in KINDS["raw"]

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from maritrack.errors import InputError, UsageError
-from maritrack.io.cat240 import refuse
-from maritrack.io.containers import RAW, Opened, open_container
-from maritrack.io.datablocks import part_of
-from maritrack.io.datagram_times import Bound, Clock, Span, as_text, parse_window, resolve
+from maritrack.io.cat240.reader import refuse
+from maritrack.io.cat240.recordwalk import sensor_name
+from maritrack.io.containers.kinds import RAW, Opened, open_container
+from maritrack.io.containers.select import subset
 from maritrack.io.datagrams import Datagrams, DatagramWriter, Stream
-from maritrack.io.recode import Budget, Coding, data_blocks
-from maritrack.io.recode_rows import recode_datagrams
-from maritrack.io.recordwalk import sensor_name
-from maritrack.io.select import subset
-from maritrack.io.sensor_filter import of_sensor
+from maritrack.io.rewrite.datablocks import part_of
+from maritrack.io.rewrite.datagram_times import Bound, Clock, Span, as_text, parse_window, resolve
+from maritrack.io.rewrite.recode import Budget, Coding, data_blocks
+from maritrack.io.rewrite.recode_rows import recode_datagrams
+from maritrack.io.rewrite.sensor_filter import of_sensor
 from maritrack.io.source import Octets
 from maritrack.io.times import day_start_ns
 from maritrack.types import Damage

@@ -19,7 +19,7 @@ import numpy as np
 
 from maritrack.errors import InputError, UsageError
 from maritrack.io.archive import ArchivedScan, iter_results, read_archive
-from maritrack.io.mcap_walk import MAGIC
+from maritrack.io.containers.mcap_walk import MAGIC
 from maritrack.io.runmeta import manifest_metadata
 from maritrack.types import Damage
 

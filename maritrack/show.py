@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maritrack.io import ARCHIVE, sniff
-from maritrack.io.containers import MCAP_MAGIC
+from maritrack.io.containers.kinds import MCAP_MAGIC
 from maritrack.io.octets import HEAD, octets_from_file, octets_from_stdin
 from maritrack.survey import survey, time_text
 

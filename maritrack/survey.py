@@ -45,13 +45,13 @@ from typing import Any
 import numpy as np
 
 from maritrack.geo import C_MPS
+from maritrack.io.cat240.radials import Batch, Radials
+from maritrack.io.containers.skim import Skim
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
-from maritrack.io.radials import Batch, Radials
-from maritrack.io.skim import Skim
 from maritrack.io.source import Octets
-from maritrack.io.spokes import SILENCE, TICK_NS, TURN, DayCount
-from maritrack.io.turnclock import middle
-from maritrack.io.turncount import Grid, TurnCount
+from maritrack.io.turns.spokes import SILENCE, TICK_NS, TURN, DayCount
+from maritrack.io.turns.turnclock import middle
+from maritrack.io.turns.turncount import Grid, TurnCount
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, take
 
 Row = dict[str, Any]

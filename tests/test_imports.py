@@ -48,11 +48,17 @@ BELOW = {  # what each part of the package may import besides itself
     "papers": BASE | {"config", "trackers"},
     "fanout": set[str](),
 }
+READING = {  # the packages of `maritrack.io`, and which of the others each may import
+    "cat240": set[str](),
+    "turns": {"cat240"},
+    "containers": {"cat240"},
+    "rewrite": {"cat240", "containers"},
+}
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
     "rich": ("cli/",),
     "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py"),
-    "mcap": ("maritrack/io/archive.py", "maritrack/io/mcap_datagrams.py", "maritrack/sinks/mcap.py"),
+    "mcap": ("maritrack/io/archive.py", "maritrack/io/containers/mcap_datagrams.py", "maritrack/sinks/mcap.py"),
     "sklearn": ("maritrack/cluster/", "maritrack/metrics/clusters.py"),
     "maritrack_cli": (),
     "pickle": (),
@@ -115,6 +121,14 @@ def test_the_parts_that_may_be_imported_make_no_ring() -> None:
         free = {part for part in left if BELOW[part] <= done}
         assert free, f"ring among {sorted(left)}"
         done |= free
+
+
+@each_library_file
+def test_the_packages_of_reading_import_one_way(path: Path) -> None:
+    inner = path.relative_to(ROOT / "maritrack").parts
+    if len(inner) == 3 and inner[0] == "io":
+        names = {name.split(".")[2] for name in imported(tree_of(path)) if name.startswith("maritrack.io.")}
+        assert (names & set(READING)) - {inner[1]} <= READING[inner[1]]
 
 
 @each_file

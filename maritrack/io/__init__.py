@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from maritrack.errors import InputError
-from maritrack.io.containers import GZIP, MCAP_MAGIC, RAW, container_of, unpacked_head
+from maritrack.io.containers.kinds import GZIP, MCAP_MAGIC, RAW, container_of, unpacked_head
 
 CAT240 = 0xF0
 MAGIC = (  # first octets, what they are, what to do

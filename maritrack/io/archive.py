@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from maritrack.errors import InputError
-from maritrack.io import mcap_walk as mcap
 from maritrack.io.cloud import decode_points
-from maritrack.io.mcap_walk import OnDamage
+from maritrack.io.containers import mcap_walk as mcap
+from maritrack.io.containers.mcap_walk import OnDamage
 from maritrack.io.messages import (
     OUTPUTS,
     decode_clusters,

@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from maritrack.errors import ConfigError, InputError
-from maritrack.io.assemble import Assembler
-from maritrack.io.capture import open_cat240
+from maritrack.io.cat240.radials import Batch, Radials
+from maritrack.io.containers.capture import open_cat240
+from maritrack.io.containers.ledger import Ledger
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
-from maritrack.io.ledger import Ledger
 from maritrack.io.pose import PoseTrack
-from maritrack.io.radials import Batch, Radials
-from maritrack.io.scans import scan_of
 from maritrack.io.source import Octets
-from maritrack.io.spokes import TICK_NS
-from maritrack.io.stream import Cut
 from maritrack.io.times import day_start_ns
+from maritrack.io.turns.assemble import Assembler
+from maritrack.io.turns.scans import scan_of
+from maritrack.io.turns.spokes import TICK_NS
+from maritrack.io.turns.stream import Cut
 from maritrack.settings import InputConfig
 from maritrack.types import Damage, Frame, Origin, Scan
 

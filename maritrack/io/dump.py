@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.io.cat240 import Part, read_parts
-from maritrack.io.cat240_exact import TOD_PER_DAY, Summary, Video
-from maritrack.io.containers import RAW, Opened
+from maritrack.io.cat240.exact import TOD_PER_DAY, Summary, Video
+from maritrack.io.cat240.reader import Part, read_parts
+from maritrack.io.containers.kinds import RAW, Opened
+from maritrack.io.containers.places import Places, payloads
 from maritrack.io.datagrams import NO_TIME, Stream
-from maritrack.io.places import Places, payloads
 from maritrack.io.source import Octets
 from maritrack.types import Damage
 

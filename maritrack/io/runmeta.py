@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from maritrack.errors import InputError
-from maritrack.io.mcap_walk import OnDamage
+from maritrack.io.containers.mcap_walk import OnDamage
 from maritrack.types import Damage, Origin, RunManifest
 
 

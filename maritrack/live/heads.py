@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from maritrack.io.framing import CAT240, HEADER
-from maritrack.io.select import BLOCKS_LOOKED_AT, holds_cat240
+from maritrack.io.cat240.framing import CAT240, HEADER
+from maritrack.io.containers.select import BLOCKS_LOOKED_AT, holds_cat240
 
 # Bit of FSPEC, octets, and octets for each repetition where the item begins with their number.
 BEFORE_TIME = (

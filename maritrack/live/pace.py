@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from maritrack.io.datagrams import NO_TIME, Datagrams
-from maritrack.io.spokes import DayCount, Winding
-from maritrack.io.spoketime import SpokeClock
+from maritrack.io.turns.spokes import DayCount, Winding
+from maritrack.io.turns.spoketime import SpokeClock
 from maritrack.live.heads import read_head
 from maritrack.types import IntArray
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from maritrack.io.cat240.framing import CAT240
 from maritrack.io.datagrams import NO_TIME, DatagramWriter, Stream
-from maritrack.io.framing import CAT240
 from maritrack.live.batches import Batch, Key
 from maritrack.live.heads import is_blocks, read_head, sensor_name
 from maritrack.live.receiver import Receiver

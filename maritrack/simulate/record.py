@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maritrack.errors import InputError, UsageError
 from maritrack.geo import C_MPS, TWO_PI, wrap
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
 from maritrack.simulate.aistable import ais_path, ais_table
 from maritrack.simulate.antenna import RadarSettings
 from maritrack.simulate.echoes import Mover, movers

@@ -26,12 +26,12 @@ import numpy as np
 import pycatzao
 from numpy.typing import NDArray
 
-from maritrack.io import inflate
-from maritrack.io.cat240 import file_chunks, read_batches
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240 import inflate
+from maritrack.io.cat240.encode import encode_video
+from maritrack.io.cat240.reader import file_chunks, read_batches
+from maritrack.io.containers.pcap import PcapReader
+from maritrack.io.containers.pcap_writer import PcapWriter
 from maritrack.io.datagrams import Stream
-from maritrack.io.pcap import PcapReader
-from maritrack.io.pcap_writer import PcapWriter
 
 CELLS = 1024
 SPOKES = 2048
@@ -42,7 +42,7 @@ FEW = 2048  # messages that pycatzao is given
 SENDER = Stream("10.0.0.1:4000", "239.0.1.2:8600")
 TWO_CORES = """
 import sys, time
-from maritrack.io.cat240 import file_chunks, read_batches
+from maritrack.io.cat240.reader import file_chunks, read_batches
 path, times, workers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 start = time.perf_counter()
 chunks = (chunk for _ in range(times) for chunk in file_chunks(path))

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
 
 SPOKES, CELLS, PERIOD_S = 2048, 1024, 2.5
 CELL_FS = 66_712_819

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
 
 DETECT = 128  # cells from here on count as points
 TURN_S = 2.5

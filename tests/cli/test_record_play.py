@@ -18,10 +18,10 @@ from maritrack_cli import live
 from maritrack_cli.record import _progress
 
 from maritrack.errors import MaritrackError
-from maritrack.io.containers import open_container
+from maritrack.io.containers.kinds import open_container
+from maritrack.io.containers.writers import open_writer
 from maritrack.io.datagrams import Stream
 from maritrack.io.octets import octets_from_file
-from maritrack.io.writers import open_writer
 from maritrack.live.record import Tally
 from maritrack.live.sockets import granted_octets, receiving_socket, sending_socket
 from tests.bench.bench_record import free_port, payload

@@ -105,10 +105,10 @@ def test_the_document_has_the_keys_that_are_documented(sample: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.pcap", "a.final", "a.mcap", "a.cat240.gz", "a.pcap.gz"])
 def test_a_recording_shows_the_same_in_every_container(sample: Path, tmp_path: Path, name: str) -> None:
-    from maritrack.io.containers import open_container
+    from maritrack.io.containers.kinds import open_container
+    from maritrack.io.containers.writers import open_writer
     from maritrack.io.datagrams import Stream
     from maritrack.io.octets import octets_from_file
-    from maritrack.io.writers import open_writer
 
     path = tmp_path / name
     writer, n = open_writer(path), 0
@@ -172,7 +172,7 @@ def test_the_page_names_damage_and_streams_without_video(tmp_path: Path) -> None
 
 
 def test_text_in_a_recording_can_not_drive_the_terminal(tmp_path: Path) -> None:
-    from maritrack.io.cat240_encode import encode_summary
+    from maritrack.io.cat240.encode import encode_summary
 
     path = tmp_path / "x.cat240"
     path.write_bytes(encode_summary(sac=1, sic=2, text=b"\x1b[2Jhello\n") * 3)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.io.cat240 import read_batches
-from maritrack.io.radials import Batch, Radials
+from maritrack.io.cat240.radials import Batch, Radials
+from maritrack.io.cat240.reader import read_batches
 
 ORDER = ("010", "000", "020", "030", "040", "041", "048", "", "049", "050", "051", "052", "140", "RE", "SP")
 SIZES = {"050": 4, "051": 64, "052": 256}

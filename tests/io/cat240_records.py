@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from maritrack.io.cat240_cells import unpack
-from maritrack.io.cat240_encode import COMPRESSED, RES_OF_BITS, SUMMARY, VIDEO, VIDEO_ITEMS, Header, Record
+from maritrack.io.cat240.cells import unpack
+from maritrack.io.cat240.encode import COMPRESSED, RES_OF_BITS, SUMMARY, VIDEO, VIDEO_ITEMS, Header, Record
 
 U16, U24, U32 = 2**16 - 1, 2**24 - 1, 2**32 - 1
 OCTETS = {"low": 4, "medium": 64, "high": 256}

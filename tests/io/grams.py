@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from hypothesis import strategies as st
 
+from maritrack.io.containers.writers import Encoder
 from maritrack.io.datagrams import NO_TIME, Container, DatagramWriter, Stream
-from maritrack.io.writers import Encoder
 from maritrack.types import Damage
 from tests.io.cat240_blocks import block, video
 

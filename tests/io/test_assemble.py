@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from maritrack.io.radials import Radials
-from maritrack.io.stitch import join
-from maritrack.io.stream import Cut
+from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns.stitch import join
+from maritrack.io.turns.stream import Cut
 from maritrack.types import take
 from tests.io.spins import OCTETS, TURN, codes, cuts_of, numbers, radials, spin, turns_of
 

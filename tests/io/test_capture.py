@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from maritrack.errors import InputError, UsageError
-from maritrack.io.capture import open_cat240
-from maritrack.io.cat240 import read_batches
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
+from maritrack.io.cat240.reader import read_batches
 from maritrack.io.cat240_source import Cat240Source
-from maritrack.io.containers import container_of, open_container, unpacked_head
+from maritrack.io.containers.capture import open_cat240
+from maritrack.io.containers.kinds import container_of, open_container, unpacked_head
+from maritrack.io.containers.ledger import Ledger
+from maritrack.io.containers.select import Selection, matches, whole_blocks
+from maritrack.io.containers.writers import open_writer
 from maritrack.io.datagrams import NO_TIME, Datagrams, Stream
-from maritrack.io.ledger import Ledger
-from maritrack.io.select import Selection, matches, whole_blocks
 from maritrack.io.source import Octets
-from maritrack.io.writers import open_writer
 from maritrack.settings import InputConfig
 from maritrack.types import Frame
 from tests.io.spins import spin

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import InputError
-from maritrack.io.cat240 import file_chunks, read_batches
+from maritrack.io.cat240.reader import file_chunks, read_batches
 from maritrack.io.dump import CSV_FIELDS, dump_records
 from tests.io.cat240_blocks import (
     SENTINEL,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io import framing
+from maritrack.io.cat240 import framing
 from maritrack.io.dump import dump_records
 from tests.io.cat240_blocks import SENTINEL, block, damage, packed_video, read, record, rows, video
 

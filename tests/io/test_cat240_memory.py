@@ -10,7 +10,7 @@ import pytest
 
 PROGRAM = """
 import resource, sys, zlib
-from maritrack.io.cat240 import read_batches
+from maritrack.io.cat240.reader import read_batches
 from tests.io.cat240_blocks import block, packed_video, video
 
 def bomb(idx, nbcells):

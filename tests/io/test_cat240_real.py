@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from maritrack.io.cat240 import file_chunks, read_batches
+from maritrack.io.cat240.reader import file_chunks, read_batches
 from maritrack.io.dump import dump_records
 from tests.shared import shared
 

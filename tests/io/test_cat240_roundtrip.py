@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from maritrack.errors import UsageError
-from maritrack.io.cat240_cells import unpack
-from maritrack.io.cat240_encode import encode_summary, encode_video, pack_cells
+from maritrack.io.cat240.cells import unpack
+from maritrack.io.cat240.encode import encode_summary, encode_video, pack_cells
 from maritrack.io.dump import dump_records
 from tests.io.cat240_blocks import codes, radials, read
 

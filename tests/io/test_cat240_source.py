@@ -13,11 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from maritrack.errors import ConfigError, InputError
 from maritrack.io import cat240_source
-from maritrack.io.cat240 import file_chunks
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
+from maritrack.io.cat240.radials import Batch, Radials
+from maritrack.io.cat240.reader import file_chunks
 from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.pose import PoseTrack
-from maritrack.io.radials import Batch, Radials
 from maritrack.io.source import Octets, Source
 from maritrack.settings import InputConfig
 from maritrack.types import Frame, Origin

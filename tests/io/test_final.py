@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maritrack.io.containers.final import FinalReader, FinalWriter, looks_final
 from maritrack.io.datagrams import DAY_NS, NO_TIME, Stream
-from maritrack.io.final import FinalReader, FinalWriter, looks_final
 from tests.io.grams import START_NS, STREAMS, Gram, Read, cuts, gram_lists, grown_mb, pieces, read, videos, write
 from tests.shared import shared
 
@@ -228,7 +228,7 @@ def test_no_message_by_itself_is_taken_for_final(name: str) -> None:
 
 PROGRAM = """
 import random, sys
-from maritrack.io.final import FinalReader
+from maritrack.io.containers.final import FinalReader
 from tests.io.grams import peak_mb
 A5 = b"\\xa5" * 4
 def cycle(part): return part * (4_000_000 // len(part))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io import fragments
-from maritrack.io.pcap import PcapReader
-from maritrack.io.pcapng import PcapngReader
+from maritrack.io.containers import fragments
+from maritrack.io.containers.pcap import PcapReader
+from maritrack.io.containers.pcapng import PcapngReader
 from tests.io.pcap_build import (
     T0_NS,
     B,

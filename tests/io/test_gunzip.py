@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io.gunzip import BUDGET_FLOOR, BUDGET_RATIO, MAX_BROKEN, PIECE, gunzip
+from maritrack.io.containers.gunzip import BUDGET_FLOOR, BUDGET_RATIO, MAX_BROKEN, PIECE, gunzip
 from maritrack.types import Damage
 from tests.io.grams import cuts, grown_mb, pieces
 
@@ -171,7 +171,7 @@ def test_stored_octets_come_with_what_they_hold() -> None:
 
 PROGRAM = """
 import gzip, random, sys
-from maritrack.io.gunzip import gunzip
+from maritrack.io.containers.gunzip import gunzip
 from tests.io.grams import peak_mb
 noise = random.Random(1).randbytes
 def pack(data): return gzip.compress(data, mtime=0)

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io import inflate as module
-from maritrack.io.inflate import inflate
+from maritrack.io.cat240 import inflate as module
+from maritrack.io.cat240.inflate import inflate
 from tests.io.cat240_blocks import block, damage, packed_video, read, rows, video
 from tests.io.test_cat240_equal import damaged_recording
 

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from maritrack.io import mcap_datagrams
+from maritrack.io.containers import mcap_datagrams
+from maritrack.io.containers.mcap_datagrams import McapReader, McapWriter
 from maritrack.io.datagrams import NO_TIME, Stream
-from maritrack.io.mcap_datagrams import McapReader, McapWriter
 from tests.io.grams import START_NS, STREAMS, Gram, Read, cuts, grown_mb, pieces, read, videos, write
 from tests.io.grams import payloads as payload_strategy
 
@@ -280,7 +280,7 @@ HOSTILE_FILES = {
 PROGRAM = """
 import sys
 from pathlib import Path
-from maritrack.io.mcap_datagrams import McapReader
+from maritrack.io.containers.mcap_datagrams import McapReader
 from maritrack.io.octets import FileChunks
 from tests.io.grams import peak_mb
 before = peak_mb()

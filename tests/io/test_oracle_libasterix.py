@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io.cat240_encode import Record, encode_block
-from maritrack.io.recode import Budget, Coding, data_blocks, recode_block
-from maritrack.io.sensor_filter import keep_sensor
+from maritrack.io.cat240.encode import Record, encode_block
+from maritrack.io.rewrite.recode import Budget, Coding, data_blocks, recode_block
+from maritrack.io.rewrite.sensor_filter import keep_sensor
 from tests.io.cat240_blocks import ORDER
 from tests.io.cat240_records import ANY_RECORDS, sound_blocks
 from tests.io.test_convert import SAMPLE, SOLENT, raw

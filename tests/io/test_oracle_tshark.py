@@ -13,12 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from maritrack.convert import convert
-from maritrack.io.cat240_encode import Record, encode_block
-from maritrack.io.cat240_items import read_items
+from maritrack.io.cat240.encode import Record, encode_block
+from maritrack.io.cat240.items import read_items
+from maritrack.io.containers.writers import open_writer
 from maritrack.io.datagrams import Stream
 from maritrack.io.octets import octets_from_bytes
-from maritrack.io.recode import data_blocks
-from maritrack.io.writers import open_writer
+from maritrack.io.rewrite.recode import data_blocks
 from tests.io.cat240_records import sound_blocks
 from tests.io.test_convert import SAMPLE, SOLENT, packed_as, raw
 from tests.shared import shared

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maritrack.io.containers.pcap import PcapReader
 from maritrack.io.datagrams import Stream
-from maritrack.io.pcap import PcapReader
 from tests.io.pcap_build import (
     A6,
     GROUP6,

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from maritrack.errors import InputError
-from maritrack.io import inflate, parallel
-from maritrack.io.cat240 import read_batches
-from maritrack.io.cat240_encode import encode_video
-from maritrack.io.parallel import AtOnce, Workers
-from maritrack.io.radials import Batch
+from maritrack.io.cat240 import inflate, parallel
+from maritrack.io.cat240.encode import encode_video
+from maritrack.io.cat240.parallel import AtOnce, Workers
+from maritrack.io.cat240.radials import Batch
+from maritrack.io.cat240.reader import read_batches
 from tests.io.cat240_blocks import COLUMNS, block, damage, packed_video, video
 from tests.io.test_cat240_equal import damaged_recording
 
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import os
 from itertools import count, takewhile
-from maritrack.io.cat240 import read_batches
+from maritrack.io.cat240.reader import read_batches
 from tests.io.test_parallel import children, recording
 parent = os.getppid()
 endless = (recording(2000, seed=k) for k in takewhile(lambda _: os.getppid() == parent, count()))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maritrack.io.pcap import PcapReader
+from maritrack.io.containers.pcap import PcapReader
 from tests.io.pcap_build import (
     T0_NS,
     A,

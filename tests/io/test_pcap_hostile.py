@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from maritrack.io.pcap import PcapReader
-from maritrack.io.pcapng import PcapngReader
+from maritrack.io.containers.pcap import PcapReader
+from maritrack.io.containers.pcapng import PcapngReader
 from tests.io.pcap_build import read
 from tests.io.pcap_hostile import KINDS
 
 PROGRAM = """
 import resource, sys
-from maritrack.io.pcap import PcapReader
-from maritrack.io.pcapng import PcapngReader
+from maritrack.io.containers.pcap import PcapReader
+from maritrack.io.containers.pcapng import PcapngReader
 from tests.io.pcap_hostile import KINDS
 
 for kind in sys.argv[1:]:

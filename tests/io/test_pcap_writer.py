@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maritrack.io.containers.pcap_writer import PcapWriter
 from maritrack.io.datagrams import NO_TIME, Stream
-from maritrack.io.pcap_writer import PcapWriter
 from tests.io.grams import START_NS, STREAMS, Gram, gram_lists, videos, write
 
 HEAD = bytes.fromhex("4d3cb2a1 0200 0400 00000000 00000000 00000400 01000000")

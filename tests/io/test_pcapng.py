@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maritrack.io.containers.pcap import PcapReader
+from maritrack.io.containers.pcapng import PcapngReader
 from maritrack.io.datagrams import NO_TIME
-from maritrack.io.pcap import PcapReader
-from maritrack.io.pcapng import PcapngReader
 from tests.io.pcap_build import (
     T0_NS,
     Packet,
@@ -204,7 +204,7 @@ def test_without_its_first_blocks_a_file_is_read_as_ethernet(order: str, window:
 
 
 def test_more_interfaces_than_anyone_has_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maritrack.io.pcapng.MAX_INTERFACES", 2)
+    monkeypatch.setattr("maritrack.io.containers.pcapng.MAX_INTERFACES", 2)
     data = section() + interface() * 3 + enhanced(ONE, number=1) + enhanced(ONE, number=2)
     assert read(PcapngReader, data).codes == [("no-interface", 1), ("too-many-interfaces", 1)]
 

@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import UsageError
-from maritrack.io.cat240_encode import COMPRESSED, VIDEO_ITEMS, Record, encode_block, encode_record
-from maritrack.io.cat240_items import read_items
+from maritrack.io.cat240.encode import COMPRESSED, VIDEO_ITEMS, Record, encode_block, encode_record
+from maritrack.io.cat240.items import read_items
+from maritrack.io.cat240.recordwalk import walk
 from maritrack.io.datagrams import NO_TIME, Datagrams
 from maritrack.io.dump import dump_records
-from maritrack.io.recode import Budget, Coding, Recoded, data_blocks, recode_block
-from maritrack.io.recode_rows import recode_datagrams
-from maritrack.io.recordwalk import walk
-from maritrack.io.sensor_filter import Filtered, Ours, keep_sensor
-from maritrack.io.sensor_filter import of_sensor as filter_datagrams
+from maritrack.io.rewrite.recode import Budget, Coding, Recoded, data_blocks, recode_block
+from maritrack.io.rewrite.recode_rows import recode_datagrams
+from maritrack.io.rewrite.sensor_filter import Filtered, Ours, keep_sensor
+from maritrack.io.rewrite.sensor_filter import of_sensor as filter_datagrams
 from tests.io.cat240_blocks import block, codes, packed_video, radials, read, record, rows, video, video_items
 from tests.io.cat240_records import ANY_RECORDS, ITEM_OF_FIELD, row_of, sound_blocks
 from tests.io.test_cat240_equal import streams

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from maritrack.geo import wrap
-from maritrack.io.assemble import Assembler
+from maritrack.io.cat240.radials import Radials
 from maritrack.io.pose import PoseTrack
-from maritrack.io.radials import Radials
-from maritrack.io.scans import scan_of, swept_bins
+from maritrack.io.turns.assemble import Assembler
+from maritrack.io.turns.scans import scan_of, swept_bins
 from maritrack.settings import InputConfig
 from maritrack.types import Scan, take
 from tests.io.spins import TURN, radials, spin

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from maritrack.io import stream
-from maritrack.io.assemble import Assembler
+from maritrack.io.turns import stream
+from maritrack.io.turns.assemble import Assembler
 from maritrack.types import take
 from tests.io.spins import OCTETS, codes, cuts_of, radials, spin, turns_of
 

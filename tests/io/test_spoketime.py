@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from maritrack.io.radials import Radials
-from maritrack.io.spokes import DayCount
-from maritrack.io.spoketime import TICK_NS
+from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns.spokes import DayCount
+from maritrack.io.turns.spoketime import TICK_NS
 from tests.io.spins import cuts_of, radials, spin
 
 DAY = 86_400 * 128

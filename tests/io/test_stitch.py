@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from maritrack.io import stitch as module
-from maritrack.io.radials import Radials
-from maritrack.io.stitch import continues, stitch
+from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns import stitch as module
+from maritrack.io.turns.stitch import continues, stitch
 from maritrack.types import take
 from tests.io.spins import radials, spin, turns_of
 

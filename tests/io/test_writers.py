@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from maritrack.errors import InputError, UsageError
+from maritrack.io.containers.final import FinalReader, looks_final
+from maritrack.io.containers.gunzip import gunzip
+from maritrack.io.containers.mcap_datagrams import McapReader
+from maritrack.io.containers.writers import open_writer
 from maritrack.io.datagrams import Container
-from maritrack.io.final import FinalReader, looks_final
-from maritrack.io.gunzip import gunzip
-from maritrack.io.mcap_datagrams import McapReader
-from maritrack.io.writers import open_writer
 from tests.io.grams import START_NS, STREAMS, Gram, read, videos, write
 
 GRAMS = [Gram(payload, START_NS + i * 10**7, STREAMS[i % 2]) for i, payload in enumerate(videos(200))]
@@ -118,7 +118,7 @@ def test_what_is_flushed_can_be_read_and_what_is_aborted_stays_readable(name: st
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from maritrack.io.writers import open_writer
+from maritrack.io.containers.writers import open_writer
 from tests.io.grams import write
 from tests.io.test_writers import GRAMS
 writer = open_writer(Path(sys.argv[1]))

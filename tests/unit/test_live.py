@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import InputError, UsageError
-from maritrack.io.containers import open_container
+from maritrack.io.containers.kinds import open_container
 from maritrack.io.datagrams import NO_TIME, Datagrams, Stream
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.live import batches, play

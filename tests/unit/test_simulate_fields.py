@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from maritrack.errors import ConfigError
 from maritrack.geo import TWO_PI, wrap
 from maritrack.io.ais import read_ais
-from maritrack.io.cat240_encode import encode_video
+from maritrack.io.cat240.encode import encode_video
 from maritrack.simulate.aistable import ais_path, report_times_s
 from maritrack.simulate.antenna import RadarSettings
 from maritrack.simulate.echoes import Mover, echoes, fades, movers

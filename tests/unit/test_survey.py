@@ -13,15 +13,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import InputError
-from maritrack.io import blockstarts
-from maritrack.io.cat240_encode import encode_summary, encode_video
+from maritrack.io.cat240 import blockstarts
+from maritrack.io.cat240.encode import encode_summary, encode_video
+from maritrack.io.cat240.headers import HeaderWalk, RawMake
+from maritrack.io.cat240.radials import Radials
+from maritrack.io.containers.packetwalk import packet_make
 from maritrack.io.datagrams import NO_TIME
-from maritrack.io.headers import HeaderWalk, RawMake
 from maritrack.io.octets import octets_from_bytes, octets_from_file
-from maritrack.io.packetwalk import packet_make
-from maritrack.io.radials import Radials
-from maritrack.io.spokes import DayCount
-from maritrack.io.turncount import TurnCount
+from maritrack.io.turns.spokes import DayCount
+from maritrack.io.turns.turncount import TurnCount
 from maritrack.survey import survey
 from maritrack.types import take
 from tests.io import pcap_build as build
@@ -468,8 +468,8 @@ def test_the_sample_is_told_alike() -> None:
 
 @pytest.mark.parametrize("run", ["run_01_005", "run_01_009"])
 def test_a_real_recording_is_told_alike_and_its_turns_are_those_of_a_run(run: str) -> None:
-    from maritrack.io.assemble import Assembler
-    from maritrack.io.capture import open_cat240
+    from maritrack.io.containers.capture import open_cat240
+    from maritrack.io.turns.assemble import Assembler
 
     path = next(shared(f"data/marce_solent/{run}").glob("*.cat240"))
     quick, general = both_ways(path)

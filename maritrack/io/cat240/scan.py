@@ -1,0 +1,161 @@
+"""One stretch of a CAT240 stream: its blocks in order, its records as rows, and where the chain breaks.
+
+Blocks of the usual make are turned into rows many at a time; all others go one by one to the exact reader.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from maritrack.io.cat240.cells import ROW, Rows, common_rows, row_of
+from maritrack.io.cat240.exact import Summary, Video, parse_block
+from maritrack.io.cat240.framing import CAT240, HEADER, Window, chain, other_blocks
+from maritrack.io.cat240.items import next_block
+from maritrack.types import Damage, IntArray
+
+MOST = 4096  # blocks, and things found, in a stretch
+FEW_BLOCKS = 8  # fewer are read one by one
+
+
+@dataclass(slots=True)
+class Chain:
+    """What is known of the chain of blocks so far."""
+
+    fast: bool
+    run: int = MOST  # blocks to take at once: few after the chain broke
+    lost: int = -1  # octet of the input where the chain broke, -1 = in step
+    told: bool = False  # why it broke was said
+
+
+@dataclass(slots=True)
+class Found:
+    """What a stretch of the window holds, in file order."""
+
+    end: int
+    rows: list[Rows] = field(default_factory=list)
+    pending: list[tuple[int, ...]] = field(default_factory=list)  # rows of exact records, not yet in `rows`
+    videos: list[Video] = field(default_factory=list)
+    summaries: list[Summary] = field(default_factory=list)
+    damage: list[Damage] = field(default_factory=list)
+    size: int = 0  # of all of these together
+    calm_end: int = -1  # where the last run of empty or foreign blocks ended
+
+    def add_rows(self, rows: Rows) -> None:
+        if len(rows):
+            self.settle()
+            self.rows.append(rows)
+            self.size += len(rows)
+
+    def settle(self) -> None:
+        if self.pending:
+            self.rows.append(np.array(self.pending, dtype=ROW))
+            self.pending = []
+
+    def add_run(self, code: str, offset: int, message: str, span: tuple[int, int], count: int) -> None:
+        """Blocks of no interest: told once for as many as follow each other."""
+        last = self.damage[-1] if self.damage and self.calm_end == span[0] else None
+        if last is not None and last.code == code:
+            self.damage[-1] = Damage(code, last.offset, last.message, count=last.count + count)
+        else:
+            self.damage.append(Damage(code, offset, message, count=count))
+            self.size += 1
+        self.calm_end = span[1]
+
+
+def scan(w: Window, at: int, state: Chain) -> Found:
+    """Everything from `at` on that can be judged in this window, or as much as makes a batch."""
+    found = Found(at)
+    while found.size < MOST and at < len(w.data):
+        if state.lost >= 0:
+            at = next_block(w, at)
+            if at >= w.limit:
+                break
+            _tell_lost(state, found.damage, f"the next one {w.base + at - state.lost} octets on")
+        starts = chain(w, at, min(state.run, MOST - found.size))
+        if len(starts) > 1:
+            before, at = at, _take_blocks(w, starts, found, state)
+            if at == before:
+                break
+        elif at < w.limit:
+            at = _take_other(w, at, found, state)
+        else:
+            break
+    if w.final and at >= len(w.data) and state.lost >= 0:
+        _tell_lost(state, found.damage, "")
+    found.end = at
+    found.settle()
+    return found
+
+
+def _tell_lost(state: Chain, damage: list[Damage], after: str) -> None:
+    """Say that the chain broke, now that it is known what follows ("" = nothing)."""
+    if not state.told and state.lost == 0 and not after:
+        damage.append(Damage("not-asterix", 0, "not ASTERIX radar video: nowhere a CAT240 data block"))
+    elif not state.told:
+        message = after or "none follows"
+        damage.append(Damage("lost-sync", state.lost, f"no data block begins here, {message}"))
+    state.lost, state.told = -1, False
+
+
+def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int:
+    """Put the records of the blocks between `starts` into `found`; where to go on, maybe with more input."""
+    n = len(starts) - 1
+    usual, rows = np.zeros(n, dtype=np.bool_), np.zeros(0, dtype=ROW)
+    if state.fast and n >= FEW_BLOCKS:
+        usual, rows = common_rows(w, starts)
+    places = starts.tolist()
+    done = 0
+    for i in np.flatnonzero(~usual).tolist():
+        if i < done:
+            continue
+        found.add_rows(rows[done:i])
+        done = i + 1
+        if places[i] >= w.limit:
+            return int(places[i])
+        if places[done] - places[i] == HEADER:
+            while done < n and places[done + 1] - places[done] == HEADER:
+                done += 1
+            message = "a data block without records"
+            found.add_run("empty-block", w.base + places[i], message, (places[i], places[done]), done - i)
+            continue
+        end = _take_block(w, places[i], places[done], found, state)
+        if end >= 0:
+            state.run = FEW_BLOCKS
+            return end
+    found.add_rows(rows[done:])
+    state.run = min(4 * state.run, MOST)
+    return int(places[-1])
+
+
+def _take_block(w: Window, start: int, end: int, found: Found, state: Chain) -> int:
+    """Read one block the exact way; where to go on if not at its end, else -1."""
+    block = parse_block(w, start, end)
+    found.pending += [row_of(video, len(found.videos) + i) for i, video in enumerate(block.videos)]
+    found.videos += block.videos
+    found.summaries += block.summaries
+    found.damage += block.damage
+    found.size += len(block.videos) + len(block.summaries) + len(block.damage)
+    if block.lost:
+        state.lost = w.base + block.resume
+    return block.resume if block.lost or block.resume != end else -1
+
+
+def _take_other(w: Window, at: int, found: Found, state: Chain) -> int:
+    """Go over what isn't a whole CAT240 block: other categories, a cut end, a broken chain."""
+    ends = other_blocks(w, at) if w.data[at] != CAT240 else []
+    if ends:
+        message = f"data block of category {w.data[at]} skipped"
+        found.add_run("other-category", w.base + at, message, (at, ends[-1]), len(ends))
+        return ends[-1]
+    place, left, length = w.base + at, len(w.data) - at, w.length(at)
+    state.lost, state.told = place, w.data[at] == CAT240
+    if not state.told:
+        return at
+    if left >= HEADER and length < HEADER:
+        found.damage.append(Damage("block-length<3", place, f"a data block of {length} octets"))
+    else:
+        claim = f"a data block of {length} octets" if left >= HEADER else "the header of a data block"
+        found.damage.append(Damage("truncated-block", place, f"{claim}, of which the input has {left}"))
+    return at + 1

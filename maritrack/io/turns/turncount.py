@@ -1,0 +1,308 @@
+"""The turns of one antenna counted from headers alone, as `stream` cuts them, and what they tell of the radar."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Sized
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns.sectors import Sectors
+from maritrack.io.turns.spokes import NO_TICK, SILENCE, TICK_NS, TURN, DayCount
+from maritrack.io.turns.spoketime import ASSUMED_PERIOD_NS
+from maritrack.io.turns.stream import MAX_CELLS, MAX_SPOKES, MAX_TICKS, SILENT_TURNS
+from maritrack.io.turns.sweep import Judge, Setting, Swept
+from maritrack.io.turns.turn import LEAST_ADVANCE
+from maritrack.io.turns.turnclock import TurnClock, exact_ns, middle
+from maritrack.types import IntArray
+
+MOST_KEPT = 10_000  # silences, losses and changes; more are only counted
+SHORT_PAUSE = 26  # ticks: shorter silences are of no interest
+LOOK = 4096  # spokes that are looked at at once
+WIDER = 1.05  # times as many cells: another range
+
+
+class Grid(NamedTuple):
+    """The cells of a spoke."""
+
+    setting: Setting
+    n_cells: int
+
+
+class Loss(NamedTuple):
+    """Records that are missing by their MSG_INDEX."""
+
+    t_ns: int | None
+    offset: int  # octet of the recording where the next one is
+    records: int
+
+
+class Pause(NamedTuple):
+    """A long time between two spokes."""
+
+    ticks: int
+    t_ns: int  # of the spoke before
+    offset: int  # of the one after it
+
+
+class Change(NamedTuple):
+    """Another range scale."""
+
+    t_ns: int | None
+    offset: int
+    old: Grid
+    new: Grid
+
+
+@dataclass(slots=True)
+class _Open:
+    """The turn that is being counted."""
+
+    n: int = 0  # spokes
+    kept: int = 0  # without those of a range scale of their own
+    turn: int = 0  # unwrapped azimuth of the first spoke
+    last: int = 0  # of the last
+    low: int = 0
+    high: int = 0
+    tick: int = NO_TICK  # first known time
+    until: int = NO_TICK  # last
+    widest: int = 0  # cells
+    t_ns: int | None = None  # of the first spoke
+    offset: int = -1
+    rising: bool = True
+    azimuths: list[IntArray] = field(default_factory=list)  # START and END in one, to find spokes that come again
+    shown: list[tuple[IntArray, IntArray, IntArray]] = field(default_factory=list)  # of good spokes, for `Sectors`
+
+
+class TurnCount:
+    """Counts the turns of one sensor. Memory: the stretch being read and a few numbers for each turn.
+
+    Times are ns since midnight of the first day, None where unknown.
+    """
+
+    def __init__(self, days: DayCount) -> None:
+        self.spokes = self.scans = self.repeated = self.stray = self.odd = self.set_back = 0
+        self.forward = self.backward = 0  # steps of azimuth
+        self.lost = self.n_losses = self.n_changes = 0
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+        self.losses: list[Loss] = []
+        self.changes: list[Change] = []
+        self.grids: Counter[Grid] = Counter()  # spokes
+        self.full_turns = array("q")  # spokes of each
+        self.clock, self.sectors = TurnClock(), Sectors()
+        self._judge, self._open = Judge(days), _Open()
+        self._setting = Setting(0, 0, 0, False)  # of the last spoke
+        self._grid: Grid | None = None  # of the last scan
+        self._cells = 0  # of the last spoke
+        self._pauses = np.zeros((0, 3), dtype=np.int64)  # as in Pause
+        self._widths: list[IntArray] = []  # of the first spokes
+        self._full: list[tuple[IntArray, IntArray, IntArray]] = []  # turns for `Sectors`
+        self._joins = False  # the last turn was a full one
+        self._period = 0.0  # ticks of the last turn, 0 = not yet known
+
+    def push(self, radials: Radials) -> None:
+        """The next radials of the sensor, at least one."""
+        swept = self._judge.push(radials)
+        if swept is not None:
+            self._take(swept)
+
+    def finish(self) -> None:
+        """No radials follow."""
+        swept = self._judge.finish()
+        if swept is not None:
+            self._take(swept)
+        if self._open.n:
+            self._close("end", self._setting)
+
+    def _take(self, s: Swept) -> None:
+        """Cut the spokes into turns, and count."""
+        self._note(s)
+        setting, changes, limits = s.setting, list(s.changes), _limits(s, self._open.tick)
+        begins: list[tuple[int, int, bool]] = []
+        start = 0
+        while start < len(s):
+            if self._open.n == 0:
+                setting = changes.pop(0)[1] if changes and changes[0][0] == start else setting
+                begins.append((start, int(s.turn[start]), self._joins))
+            end, why = self._end(s, start, changes[0][0] if changes else len(s), limits)
+            if end > start:
+                self._extend(s, start, end)
+            if end < len(s):
+                self._close(why, setting)
+            start = end
+        self._setting, self._cells = setting, int(s.n_cells[-1])
+        self.clock.add(s.tick, begins, s.came_ns)
+        self.sectors.add(self._full)
+        self._full = []
+
+    def _note(self, s: Swept) -> None:
+        """What needs no turns."""
+        known = np.flatnonzero(s.tick != NO_TICK)
+        if len(known):
+            self.first_ns = s.t_ns(int(known[0])) if self.first_ns is None else self.first_ns
+            self.last_ns = s.t_ns(int(known[-1]))
+        if s.rising and self.spokes:
+            self.forward += len(s)
+        else:
+            step = np.diff(s.turn, prepend=self._open.last if self._open.n else s.turn[0])
+            self.forward, self.backward = self.forward + int((step > 0).sum()), self.backward + int((step < 0).sum())
+        self.spokes += len(s)
+        self.stray += 0 if s.stray is None else int(s.stray.sum())
+        self.odd += 0 if s.odd is None else int(s.odd.sum())
+        self.set_back += 0 if s.set_back is None else int((s.set_back > 0).sum())
+        if s.lost is not None:
+            rows = np.flatnonzero(s.lost)
+            self.lost, self.n_losses = self.lost + int(s.lost.sum()), self.n_losses + len(rows)
+            rows = rows[: _room(self.losses)]
+            self.losses += [Loss(s.t_ns(i), int(s.offset[i]), int(s.lost[i])) for i in rows.tolist()]
+        if s.silence.max() > SHORT_PAUSE:
+            self._add_pauses(s)
+        if sum(map(len, self._widths)) < LOOK:
+            self._widths.append((s.end_az - s.start_az)[:LOOK] & TURN - 1)
+        old = s.setting
+        for row, new in s.changes:
+            n_cells = int(s.n_cells[row - 1]) if row else self._cells
+            self._change(Change(s.t_ns(row), int(s.offset[row]), Grid(old, n_cells), Grid(new, int(s.n_cells[row]))))
+            old = new
+
+    def _add_pauses(self, s: Swept) -> None:
+        rows = np.flatnonzero(s.silence > SHORT_PAUSE)
+        came_ns = None if s.came_ns is None else s.came_ns[rows]
+        before_ns = exact_ns(s.tick[rows], came_ns) - s.silence[rows] * TICK_NS
+        new = np.stack([s.silence[rows], before_ns, s.offset[rows]], axis=1)
+        self._pauses = np.concatenate([self._pauses, new])
+        if len(self._pauses) > MOST_KEPT:
+            self._pauses = self._pauses[np.argsort(-self._pauses[:, 0], kind="stable")[:MOST_KEPT]]
+
+    @property
+    def width(self) -> int:
+        """Of a spoke, 0 = only its azimuth is told."""
+        return int(middle(np.concatenate(self._widths)[:LOOK])) if self._widths else 0
+
+    def _change(self, change: Change) -> None:
+        self.n_changes += 1
+        if _room(self.changes):
+            self.changes.append(change)
+
+    def _end(self, s: Swept, start: int, change: int, limits: _Limits) -> tuple[int, str]:
+        """The row at which the turn that is open, or begins at `start`, ends, and why; (n, "") if it goes on.
+
+        `change` is the next row with another range scale, n where there is none.
+        """
+        o = self._open
+        lo = start if o.n else start + 1
+        end, why = _full_turn(s, lo, o.turn if o.n else int(s.turn[start])), "turn"
+        overlong = self._overlong(s, start, end, limits)
+        if overlong < end:
+            end, why = max(overlong, lo), "scan-overlong"
+        if limits.silence > SILENCE:
+            period = self._period or ASSUMED_PERIOD_NS / TICK_NS
+            quiet = np.flatnonzero(s.silence[lo : end + 1] > max(SILENCE, SILENT_TURNS * period))
+            if len(quiet):
+                end, why = lo + int(quiet[0]), "gap"
+        if change <= end and change < len(s):
+            end, why = change, "range-change"
+        return end, why
+
+    def _overlong(self, s: Swept, start: int, end: int, limits: _Limits) -> int:
+        """The first row from `start` on that the open turn has no room for, or `end`."""
+        o, n = self._open, end - start
+        first = min(end, start + MAX_SPOKES - o.n)
+        if (o.n + n) * max(o.widest, limits.n_cells) > MAX_CELLS:
+            widest = np.maximum(np.maximum.accumulate(s.n_cells[start:end]), o.widest)
+            full = np.append(np.arange(o.n + 1, o.n + 1 + n) * widest > MAX_CELLS, True)
+            first = min(first, start + int(np.argmax(full)))
+        tick = s.tick[start:end]
+        known = tick != NO_TICK
+        if n == 0 or not limits.long or not known.any():
+            return first
+        begin = o.tick if o.tick != NO_TICK else int(tick[np.argmax(known)])
+        late = np.append(known & (tick - begin > MAX_TICKS), True)
+        return min(first, start + int(np.argmax(late)))
+
+    def _extend(self, s: Swept, start: int, end: int) -> None:
+        """Add spokes to the open turn."""
+        o, turn, tick = self._open, s.turn[start:end], s.tick[start:end]
+        first, last = int(turn[0]), int(turn[-1])
+        low, high = (first, last) if s.rising else (int(turn.min()), int(turn.max()))
+        if o.n == 0:
+            o.turn, o.low, o.high = first, low, high
+            o.t_ns, o.offset = s.t_ns(start), int(s.offset[start])
+        o.low, o.high, o.last = min(o.low, low), max(o.high, high), last
+        known = tick if tick[0] != NO_TICK and tick[-1] != NO_TICK else tick[tick != NO_TICK]
+        if len(known):
+            o.tick, o.until = int(known[0]) if o.tick == NO_TICK else o.tick, int(known[-1])
+        good = slice(start, end) if s.odd is None else start + np.flatnonzero(~s.odd[start:end])
+        azimuths = s.start_az[good] << 16 | s.end_az[good]
+        o.azimuths.append(azimuths)
+        shown = good if s.stray is None or s.odd is None else start + np.flatnonzero(~(s.odd | s.stray)[start:end])
+        o.shown.append((s.start_az[shown], s.end_az[shown], s.turn[shown]))
+        o.rising &= s.rising
+        o.widest = max(o.widest, int(s.n_cells[start:end].max()))
+        o.n, o.kept = o.n + end - start, o.kept + len(azimuths)
+
+    def _close(self, why: str, setting: Setting) -> None:
+        o, self._open = self._open, _Open()
+        self._joins = why == "turn"
+        repeated = 0 if o.rising else o.kept - len(np.unique(np.concatenate(o.azimuths)))
+        self.repeated += repeated
+        if o.kept and (why in ("turn", "scan-overlong") or o.high - o.low >= LEAST_ADVANCE):
+            self.scans += 1
+        grid, turned = Grid(setting, o.widest), abs(o.last - o.turn)
+        self.grids[grid] += o.kept
+        if turned >= TURN // 2 and o.until > o.tick:
+            self._period = (o.until - o.tick) * TURN / turned
+        if why != "turn":
+            return
+        self.full_turns.append(o.kept - repeated)
+        shown = [np.concatenate(column) if len(column) > 1 else column[0] for column in zip(*o.shown, strict=True)]
+        if len(shown[0]):
+            self._full.append((shown[0], shown[1], shown[2]))
+        before, self._grid = self._grid, grid
+        if before is not None and before.setting == setting and not _alike(before.n_cells, grid.n_cells):
+            self._change(Change(o.t_ns, o.offset, before, grid))
+
+    def pauses(self) -> list[Pause]:
+        """The longest silences of more than SHORT_PAUSE, in order."""
+        return [Pause(*row) for row in self._pauses[np.argsort(self._pauses[:, 2], kind="stable")].tolist()]
+
+
+class _Limits(NamedTuple):
+    """What can't be exceeded within a stretch, so that it needn't be looked for in each turn."""
+
+    n_cells: int
+    silence: int  # ticks
+    long: bool  # it may last longer than a turn
+
+
+def _limits(s: Swept, begin: int) -> _Limits:
+    ticks = s.tick if s.tick.min() != NO_TICK else s.tick[s.tick != NO_TICK]
+    if begin != NO_TICK:
+        ticks = np.append(ticks, begin)
+    return _Limits(int(s.n_cells.max()), int(s.silence.max()), len(ticks) > 0 and int(np.ptp(ticks)) > MAX_TICKS)
+
+
+def _room(kept: Sized) -> int:
+    """How many more may be kept."""
+    return max(MOST_KEPT - len(kept), 0)
+
+
+def _alike(a: int, b: int) -> bool:
+    """Whether two numbers of cells may belong to one range."""
+    return max(a, b) <= WIDER * min(a, b)
+
+
+def _full_turn(s: Swept, lo: int, begin: int) -> int:
+    """The first row from `lo` on whose azimuth is a full turn away from `begin`, or the number of rows."""
+    if s.rising:
+        return int(np.searchsorted(s.turn, begin + TURN))
+    for at in range(lo, len(s), LOOK):
+        there = np.abs(s.turn[at : at + LOOK] - begin) >= TURN
+        if there.any():
+            return at + int(np.argmax(there))
+    return len(s)
