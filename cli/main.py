@@ -18,7 +18,22 @@ from typer.core import TyperGroup
 from maritrack import __version__
 from maritrack.errors import MaritrackError
 
-from . import config, convert, diff, dump, export, papers, play, process, record, replay, score, show, simulate
+from . import (
+    config,
+    convert,
+    diff,
+    dump,
+    export,
+    papers,
+    play,
+    process,
+    record,
+    replay,
+    reproduce,
+    score,
+    show,
+    simulate,
+)
 
 EXIT_BUG, EXIT_INTERRUPTED, EXIT_PIPE = 70, 130, 141
 WrongUsage: Any = typer.BadParameter.__bases__[0]  # of all errors in arguments; Typer gives it no public name
@@ -46,7 +61,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Start with: `maritrack simulate harbour -o harbour.cat240 && maritrack process harbour.cat240 --view`",
 )
-for module in (process, replay, diff, score, simulate, show, export, dump, convert, record, play, papers):
+for module in (process, replay, diff, score, simulate, show, export, dump, convert, record, play, papers, reproduce):
     module.register(app)
 app.add_typer(config.app, name="config")
 

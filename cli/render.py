@@ -11,14 +11,27 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from maritrack.diff import Diff, Difference
+    from maritrack.reproduce.claims import Report
     from maritrack.types import Result
     from maritrack.verify import Verification
 
 
 def emit_json(document: Any) -> None:
     """Exactly one JSON document on standard output; what is not a number is null."""
-    print(json.dumps(finite(document), indent=2, sort_keys=True, ensure_ascii=False))
+    print(json_text(document))
+
+
+def write_json(path: Path, document: Any) -> None:
+    """The same document in a file."""
+    path.write_text(json_text(document) + "\n", "utf-8")
+
+
+def json_text(document: Any) -> str:
+    """A document as it is emitted."""
+    return json.dumps(finite(document), indent=2, sort_keys=True, ensure_ascii=False)
 
 
 def finite(value: Any) -> Any:
@@ -150,6 +163,28 @@ def scores(document: Mapping[str, Any], *, objects: bool) -> None:
     table(
         f"truth: share of scans with a track{within}", ("object", "scans", "any", "one and the same", "switches"), held
     )
+
+
+def report(found: Report) -> None:
+    """A repeated experiment: its tables, then each statement with the numbers that decide it."""
+    for shown in found.tables.values():
+        rows = [tuple(cell if isinstance(cell, str) else number(cell) for cell in row) for row in shown.rows]
+        table(shown.title, shown.header, rows, text_columns=shown.text_columns)
+    for claim in found.claims:
+        print(f"{'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.name}")
+        told = [("ours", claim.ours), ("paper", claim.paper)]
+        for whose, values in told:
+            if values is not None:
+                print(f"  {whose}: {_flat(values)}")
+    for name, path in found.figures.items():
+        print(f"{name}: {path}")
+
+
+def _flat(values: Any) -> str:
+    """Numbers by name in one line."""
+    if isinstance(values, Mapping):
+        return ", ".join(f"{key} {_flat(value)}" for key, value in values.items())
+    return " ".join(map(_flat, values)) if isinstance(values, (list, tuple)) else number(values)
 
 
 def view(path: Any) -> None:

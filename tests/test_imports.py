@@ -47,6 +47,7 @@ BELOW = {  # what each part of the package may import besides itself
     "show": BASE | {"config", "io", "recording", "survey"},
     "papers": BASE | {"config", "trackers"},
     "fanout": set[str](),
+    "reproduce": LINE | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks"},
 }
 READING = {  # the packages of `maritrack.io`, and which of the others each may import
     "cat240": set[str](),
