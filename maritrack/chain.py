@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from maritrack.cluster.stage import cluster_points
+from maritrack.detect.background import Background, learn, mask_of, no_background
 from maritrack.detect.cells import detect_cells, empty_points
 from maritrack.errors import ConfigError
+from maritrack.geo import in_mask
 from maritrack.metrics.scores import score_frame
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, Tracker
-from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Points, Result, Scan, Tracks, take
+from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Mask, Points, Result, Scan, Tracks, take
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +27,11 @@ class Chain:
     config: Config
     tracker: Tracker
     unexplained: bool = False  # truth is incomplete (AIS): false tracks are merely unexplained
+    background: Mapping[str, Background] = field(default_factory=dict)  # known before the first scan, by sensor
 
     def init(self) -> ChainState:
         """The memory of a run that has not begun."""
-        return ChainState(self.tracker.init(), ())
+        return ChainState(self.tracker.init(), (), self.background)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +40,16 @@ class ChainState:
 
     tracker: Any
     alive: tuple[int, ...]  # ids of confirmed tracks after the last frame, for the log
+    background: Mapping[str, Background] = field(default_factory=dict)  # by sensor, "" = one for all
 
 
-def build_chain(config: Config, *, unexplained: bool = False) -> Chain:
-    """The chain of a configuration."""
+def build_chain(
+    config: Config, *, unexplained: bool = False, background: Mapping[str, Background] | None = None
+) -> Chain:
+    """The chain of a configuration; `background` is one that is known, as of a snapshot."""
     if config.tracker_name not in TRACKERS:
         raise ConfigError(f"no tracker '{config.tracker_name}'", hint="trackers: " + ", ".join(TRACKERS))
-    return Chain(config, TRACKERS[config.tracker_name](config), unexplained)
+    return Chain(config, TRACKERS[config.tracker_name](config), unexplained, background or {})
 
 
 def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, Result]:
@@ -50,10 +57,14 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     config, scan, clock = chain.config, frame.scan, _Clock()
     points = detect(scan, config)
     clock.lap("detect")
-    keep = np.ones(len(points), bool)
-    clusters = cluster_points(points, scan, config.cluster, config.input)
+    background, mask, keep = subtract(state.background, scan, points, config)
+    left = points if mask is None else take(points, keep)
+    clock.lap("subtract")
+    clusters = cluster_points(left, scan, config.cluster, config.input)
     clock.lap("cluster")
-    tracker, info = chain.tracker.update(state.tracker, scan, points, clusters)
+    tracker, info = state.tracker, None
+    if ready(background, scan, config):  # abs-9: in case 1 tracking waits for it
+        tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), points, clusters)
     tracks = chain.tracker.estimate(tracker)
     clock.lap("track")
     scores = score_frame(
@@ -62,8 +73,10 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     )  # fmt: skip
     clock.lap("score")
     alive = tuple(tracks.id[tracks.status >= CONFIRMED].tolist())
-    events = track_events(state.alive, alive, tracks, info)
-    return ChainState(tracker, alive), Result(frame, points, keep, clusters, tracks, scores, events, clock.laps)
+    events = background_events(state.background, background, scan, config)
+    events += track_events(state.alive, alive, tracks, info) if info is not None else ()
+    result = Result(frame, points, keep, clusters, tracks, scores, events, clock.laps, mask, background)
+    return ChainState(tracker, alive, background), result
 
 
 def detect(scan: Scan, config: Config) -> Points:
@@ -75,6 +88,46 @@ def detect(scan: Scan, config: Config) -> Points:
         points = scan.points if scan.points is not None else empty_points()
     inside = (points.range_m >= settings.roi_min_m) & (points.range_m <= settings.roi_max_m)
     return points if inside.all() else take(points, inside)
+
+
+def subtract(
+    background: Mapping[str, Background], scan: Scan, points: Points, config: Config
+) -> tuple[Mapping[str, Background], Mask | None, BoolArray]:
+    """The models with one more scan, the pixels of its sensor that are background, the points (n,) that are not."""
+    rules = config.subtract
+    if rules.method == "none":
+        return background, None, np.ones(len(points), bool)
+    name = model_name(scan, config)
+    model = learn(
+        background.get(name, no_background()), scan, points, rules,
+        roi_min_m=config.input.roi_min_m, roi_max_m=config.input.roi_max_m,
+    )  # fmt: skip
+    mask = mask_of(model, rules)
+    return {**background, name: model}, mask, ~in_mask(mask, points.position_m)
+
+
+def model_name(scan: Scan, config: Config) -> str:
+    """The background model that a scan belongs to: its sensor's, or the one of all."""
+    return "" if config.subtract.masks == "joint" else scan.sensor.id
+
+
+def ready(background: Mapping[str, Background], scan: Scan, config: Config) -> bool:
+    """Whether the scan goes to the tracker."""
+    waits = config.subtract.method != "none" and config.subtract.track_from == "converged"
+    return not waits or background[model_name(scan, config)].converged
+
+
+def background_events(
+    before: Mapping[str, Background], now: Mapping[str, Background], scan: Scan, config: Config
+) -> tuple[Event, ...]:
+    """A log line when the model of the scan's sensor has converged."""
+    name = model_name(scan, config)
+    if name not in now or not now[name].converged or (name in before and before[name].converged):
+        return ()
+    tracking = ": tracking starts" if config.subtract.track_from == "converged" else ""
+    if now[name].settled:
+        return (Event("info", "subtract", f"background converged after {now[name].scans} scans{tracking}"),)
+    return (Event("warning", "subtract", f"background not settled after {now[name].scans} scans{tracking}"),)
 
 
 def reported(tracks: Tracks, config: Config) -> BoolArray:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from maritrack.types import FloatArray, Origin
+from maritrack.types import BoolArray, FloatArray, IntArray, Mask, Origin, Scan
 
 TWO_PI = 2.0 * np.pi
+PIXELS = 1 << 30  # of a grid in each direction, along an axis
 C_MPS = 299_792_458.0
 
 
@@ -70,3 +71,34 @@ def en_to_geodetic(origin: Origin, position_m: FloatArray) -> tuple[FloatArray, 
         position_m[..., 0], position_m[..., 1], np.zeros(position_m.shape[:-1]), origin.lat_deg, origin.lon_deg, 0.0
     )
     return np.asarray(lat, float), np.asarray(lon, float)
+
+
+def visible(scan: Scan, position_m: FloatArray, roi_min_m: float, roi_max_m: float) -> BoolArray:
+    """Whether this scan looked at each position (n, 2)."""
+    r, azimuth = en_to_polar(position_m - scan.position_m)
+    seen = (r >= roi_min_m) & (r <= min(scan.sensor.max_range_m, roi_max_m))
+    if scan.swept is not None:
+        seen &= scan.swept[np.minimum((azimuth / TWO_PI * len(scan.swept)).astype(int), len(scan.swept) - 1)]
+    return np.asarray(seen)
+
+
+def pixel_key(position_m: FloatArray, pixel_m: float, corner_m: tuple[float, float] = (0.0, 0.0)) -> IntArray:
+    """The pixel of each position (n, 2) as one number, row by row from the south; far away all are the last one."""
+    step = np.floor((position_m - np.asarray(corner_m)) / pixel_m)
+    column, row = np.clip(step, -PIXELS, PIXELS - 1).astype(np.int64).T + PIXELS
+    return np.asarray(row * (2 * PIXELS) + column)
+
+
+def pixel_centre(key: IntArray, pixel_m: float, corner_m: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+    """East-north (n, 2) of the centres of pixels."""
+    row, column = np.divmod(key, 2 * PIXELS)
+    return np.asarray((np.stack([column, row], axis=-1) - PIXELS + 0.5) * pixel_m + np.asarray(corner_m))
+
+
+def in_mask(mask: Mask | None, position_m: FloatArray) -> BoolArray:
+    """Whether each position (n, 2) lies in a pixel of the mask."""
+    if mask is None or len(mask.key) == 0:
+        return np.zeros(len(position_m), bool)
+    key = pixel_key(position_m, mask.pixel_m, mask.corner_m)
+    at = np.minimum(np.searchsorted(mask.key, key), len(mask.key) - 1)
+    return np.asarray(mask.key[at] == key)

@@ -20,6 +20,8 @@ ROOT = Path(__file__).parent
 
 PAPERS = {
     "polar": "Polar Cluster-Based Target Tracking for Maritime Radar Applications (Paes Moreira, Romanovas)",
+    "abs": "Unsupervised Adaptive Background Subtraction in Distributed Radar Target Tracking Systems (Fowdur, Eksen,"
+    " Paes Moreira, Banys)",
 }
 DONE = ("polar",)  # papers all of whose numbered equations have a home
 
@@ -36,6 +38,9 @@ _MEANING = {
     "polar-10": "Wishart densities of a cluster's scatter, object and clutter",
     "polar-11": "covariance of the innovation, which shrinks with the size of the cluster",
     "polar-12": "covariance of the gate, with the full extent",
+    "abs-7": "at the beginning all counts of a pixel are equally likely",
+    "abs-8": "stochastic weak estimation of how likely each count is",
+    "abs-9": "distance of two distributions, by which the model has converged or not",
 }
 
 _KEY = r"[a-z]+-[a-z0-9]+"

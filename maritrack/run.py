@@ -220,7 +220,7 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "warnings": dict(sorted(tally.damage.items())),
         "warnings_by_sensor": dict(sorted(tally.damage_sensor.items())),
     }
-    stages = ("decode", "detect", "cluster", "track", "score", "log")
+    stages = ("decode", "detect", "subtract", "cluster", "track", "score", "log")
     timing = {f"{name}_ms_per_scan": tally.timing_ms.get(name, 0.0) / n for name in stages}
     summary: dict[str, Any] = {
         "run_id": manifest.run_id,

@@ -81,6 +81,33 @@ class DetectConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SubtractConfig:
+    """Background out of the points."""
+
+    method: Literal["none", "abs"] = "none"
+    pixel_m: float = 50.0  # of the grid in east-north
+    learning_rate: float = 0.9  # a of eq. 8, a scan: the larger the slower; abs, Table III
+    half_life_scans: float = 0.0  # in its place: half of what was learned is forgotten; 0 = by the learning rate
+    half_life_s: float = 0.0
+    categories: int = 256  # v: counts from 0 to v - 1, more count as v - 1; abs, Table III
+    threshold: int = 5  # background has more points in a pixel; abs, Table III
+    decision: Literal["map", "tail"] = "map"  # the likeliest count exceeds it, or more than half of the probability
+    start: Literal["uniform", "empty"] = "uniform"  # all counts alike, or an empty sea
+    masks: Literal["sensor", "joint"] = "sensor"  # one model for each sensor, or one for all
+    track_from: Literal["converged", "start"] = "start"  # cases 1 and 2 of abs, Table II
+    max_pixels: int = 1_000_000  # that ever had a point; beyond, those nearest to empty are forgotten
+
+    def __post_init__(self) -> None:
+        _positive("subtract.pixel_m", self.pixel_m)
+        _require(0.0 < self.learning_rate < 1.0, f"subtract.learning_rate = {self.learning_rate}: within 0..1")
+        _require(2 <= self.categories <= 32768, "subtract.categories is within 2..32768")
+        _require(0 <= self.threshold < self.categories - 1, "subtract.threshold is within 0..categories - 2")
+        _require(self.half_life_scans >= 0 and self.half_life_s >= 0, "subtract: half_life must not be negative")
+        _require(not (self.half_life_scans and self.half_life_s), "subtract: half_life_scans or half_life_s, not both")
+        _require(self.max_pixels >= 1, "subtract.max_pixels starts at 1")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ClusterConfig:
     """Points to clusters."""
 
@@ -266,6 +293,7 @@ class Config:
     seed: int = 0
     input: InputConfig = field(default_factory=InputConfig)
     detect: DetectConfig = field(default_factory=DetectConfig)
+    subtract: SubtractConfig = field(default_factory=SubtractConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)

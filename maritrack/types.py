@@ -181,6 +181,15 @@ class Damage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Mask:
+    """Pixels of a grid in east-north, of those that background subtraction takes away."""
+
+    key: IntArray  # (m,) geo.pixel_key, ascending
+    pixel_m: float
+    corner_m: tuple[float, float] = (0.0, 0.0)  # of a corner of pixel (0, 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """One rotation of one sensor: video or points, and where the sensor was."""
 
@@ -193,6 +202,7 @@ class Scan:
     points: Points | None = None
     segment: int = 0  # counts up when the range scale changes or after a long gap
     swept: BoolArray | None = None  # (720,) half-degree bins seen in this scan; None = all
+    covered: Mask | None = None  # where points were taken away: what is there is not to be seen; None = nowhere
 
     @property
     def n_spokes(self) -> int:
@@ -235,6 +245,8 @@ class Result:
     scores: Mapping[str, float]  # names like "gospa", "ospa", "ospa_localisation"; nan = no truth
     events: tuple[Event, ...]
     timing_ms: Mapping[str, float]  # CPU per stage
+    mask: Mask | None = None  # what background subtraction took away; None = there was none
+    background: Any = None  # its model after this scan, by sensor
 
 
 @dataclass(frozen=True, slots=True)

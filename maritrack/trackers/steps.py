@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maritrack import geo
 from maritrack.associate.hard import best_per_track
 from maritrack.cluster.stage import cylinder_radius_m
 from maritrack.objects import giw, matrix2
@@ -66,7 +67,7 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     d = tracks.density
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
-    seen = tracklist.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
+    seen = geo.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
     sight = Sight(tracks, np.where(seen, model.p_detect, 0.0), pairs, dt_s, clock_back, cut)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight
 

@@ -100,15 +100,6 @@ def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
     return np.asarray(scan.t_start_ns + since_ns % duration_ns)
 
 
-def visible(scan: Scan, position_m: FloatArray, roi_min_m: float, roi_max_m: float) -> BoolArray:
-    """Whether this scan looked at each position (n, 2)."""
-    r, azimuth = geo.en_to_polar(position_m - scan.position_m)
-    seen = (r >= roi_min_m) & (r <= min(scan.sensor.max_range_m, roi_max_m))
-    if scan.swept is not None:
-        seen &= scan.swept[np.minimum((azimuth / geo.TWO_PI * len(scan.swept)).astype(int), len(scan.swept) - 1)]
-    return np.asarray(seen)
-
-
 def birth_existence(config: Config, clutter_density: FloatArray) -> FloatArray:
     """Existence of new tracks (n,): given, or P_D b / (lambda + P_D b) from the birth density b."""
     if config.tracker.birth_existence > 0:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
+from maritrack import geo
 from maritrack.chain import build_chain, process
 from maritrack.detect.cells import empty_points
 from maritrack.objects.giw import Giw
@@ -71,8 +72,8 @@ def test_nothing_is_visible_beyond_the_range_or_in_a_sector_that_was_not_swept()
     swept[:180] = False  # the first quarter, North to East
     scan = replace(turning_scan(start=0.0), swept=swept)
     at = np.array([[100.0, 100.0], [100.0, -100.0], [0.0, -6000.0]])
-    assert tracklist.visible(scan, at, 0.0, np.inf).tolist() == [False, True, False]
-    assert tracklist.visible(scan, at, 200.0, np.inf).tolist() == [False, False, False]
+    assert geo.visible(scan, at, 0.0, np.inf).tolist() == [False, True, False]
+    assert geo.visible(scan, at, 200.0, np.inf).tolist() == [False, False, False]
 
 
 def test_a_steady_mover_is_moving_and_an_echo_that_jumps_to_and_fro_is_not() -> None:

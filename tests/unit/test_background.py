@@ -1,0 +1,212 @@
+"""Adaptive background subtraction against its dense definition, its closed forms, and in situations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from maritrack import geo
+from maritrack.detect.background import Background, learn, mask_of, no_background, psi_of, take_counts
+from maritrack.settings import SubtractConfig
+from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
+
+PAPER = SubtractConfig(method="abs")
+SIDE = 5  # pixels of the small region, along an axis
+REGION = np.sort(geo.pixel_key((np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=-1) + 0.5) * 50.0, 50.0))
+
+
+def feed(
+    model: Background, counts: IntArray, rules: SubtractConfig, *, rate: float = 0.0, seen: Any = True
+) -> Background:
+    """One more scan with counts (p,) in the pixels of the region, of which only those `seen` (p,) were looked at."""
+    seen = np.broadcast_to(np.asarray(seen, bool), len(REGION))
+    hit = (counts > 0) & seen
+    rows = seen[np.searchsorted(REGION, model.key)]
+    model = replace(model, scans=model.scans + 1)
+    return take_counts(model, REGION[hit], counts[hit], rows, rules, rate=rate or rules.learning_rate)
+
+
+def dense_background(psi: FloatArray, rules: SubtractConfig) -> FloatArray:
+    """Margin (p,) by which each pixel is background: the definition."""
+    above = psi[:, rules.threshold + 1 :]
+    if rules.decision == "tail":
+        return np.asarray(above.sum(axis=1) - 0.5)
+    return np.asarray(above.max(axis=1) - psi[:, : rules.threshold + 1].max(axis=1))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_active_pixels_are_the_dense_model(data: st.DataObject) -> None:
+    start = data.draw(st.sampled_from(["uniform", "empty"]))
+    v = data.draw(st.integers(3, 12))
+    rules = SubtractConfig(
+        method="abs", categories=v, start=start, decision=data.draw(st.sampled_from(["map", "tail"])),
+        threshold=data.draw(st.integers(0, v - 2)),
+    )  # fmt: skip
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    partial = start == "empty" and data.draw(st.booleans())  # a pixel without a row counts as looked at from the start
+    psi = np.full((len(REGION), v), 1 / v) if start == "uniform" else np.eye(v)[np.zeros(len(REGION), int)]
+    model, level = no_background(), rng.choice([0.0, 0.1, 1.0, 6.0], len(REGION))
+    ever = np.zeros(len(REGION), bool)
+    for _ in range(data.draw(st.integers(1, 40))):
+        a = float(rng.uniform(0.6, 0.99))
+        counts, seen = rng.poisson(level), rng.random(len(REGION)) < (0.7 if partial else 2.0)
+        after = a * psi + (1 - a) * np.eye(v)[np.minimum(counts, v - 1)]
+        after[~seen] = psi[~seen]
+        ever |= (counts > 0) & seen
+        model = feed(model, counts, rules, rate=a, seen=seen)
+        active = ever & seen
+        d = np.linalg.norm(after - psi, axis=1)[active]
+        assert model.change[-1] == pytest.approx(d.mean() if len(d) else 0.0, rel=1e-9, abs=1e-12)
+        psi = after
+    assert_allclose(psi_of(model, REGION, rules), psi, rtol=1e-9, atol=1e-13)
+    margin = dense_background(psi, rules)
+    sure = np.abs(margin) > 1e-9
+    assert (np.isin(REGION, mask_of(model, rules).key) == (margin > 0))[sure & ever].all()
+
+
+@pytest.mark.eq("abs-7", "abs-8", "abs-9")
+def test_a_constant_count_follows_the_closed_form() -> None:
+    a, v, c = PAPER.learning_rate, PAPER.categories, 9
+    model = no_background()
+    for n in range(30):
+        model = feed(model, np.full(len(REGION), c), PAPER)
+        assert psi_of(model, REGION[:1], PAPER)[0, c] == pytest.approx(1 - (1 - 1 / v) * a ** (n + 1), rel=1e-12)
+        d = (1 - a) * a**n * math.sqrt((1 - 1 / v) ** 2 + (v - 1) / v**2)
+        assert model.change[-1] == pytest.approx(d, rel=1e-12)
+
+
+@pytest.mark.parametrize(("rate", "scans"), [(0.9, 7), (0.97, 23)])
+def test_what_stops_is_background_after_a_half_life_and_not_as_long_after_it_left(rate: float, scans: int) -> None:
+    assert scans == math.ceil(math.log(0.5) / math.log(rate))
+    rules, long = replace(PAPER, learning_rate=rate), math.ceil(12 / (1 - rate))
+    full, none = np.where(np.arange(SIDE**2) == 7, 20, 0), np.zeros(SIDE**2, int)
+    model, masked = no_background(), []
+    for counts in [none] * long + [full] * long + [none] * long:
+        model = feed(model, counts, rules)
+        masked.append(len(mask_of(model, rules).key))
+    assert masked.index(1) == long + scans - 1
+    assert long + masked[long:].index(0, scans) == 2 * long + scans - 1
+
+
+def test_counts_that_fluctuate_are_background_by_the_tail_where_the_likeliest_count_may_be_none() -> None:
+    both = np.zeros((180, SIDE**2), int)
+    both[:, [3, 4]] = np.array([[0, 9], [7, 9], [8, 9], [0, 9], [10, 8], [11, 9]] * 30)
+    found = {}
+    for decision in ("map", "tail"):
+        rules, model = replace(PAPER, decision=decision, learning_rate=0.97), no_background()
+        for row in both:
+            model = feed(model, row, rules)
+        found[decision] = np.isin(REGION[[3, 4]], mask_of(model, rules).key).tolist()
+    assert found == {"map": [False, True], "tail": [True, True]}
+
+
+@pytest.mark.parametrize(("kind", "scans"), [("constant", 17), ("poisson", 20)])
+def test_the_model_converges_when_its_change_no_longer_does(kind: str, scans: int) -> None:
+    rng = np.random.default_rng(1)
+    level = rng.choice([6.0, 9.0, 12.0], SIDE**2)
+    model = no_background()
+    while not model.converged:  # 0.9^16 < 0.2 is the first
+        model = feed(model, level.astype(int) if kind == "constant" else rng.poisson(level), PAPER)
+    assert abs(model.scans - scans) <= (0 if kind == "constant" else 6)
+    assert feed(model, np.zeros(SIDE**2, int), PAPER).converged
+
+
+def test_it_converges_at_the_latest_after_ten_times_its_memory() -> None:
+    rng, model = np.random.default_rng(2), no_background()
+    for k in range(200):
+        growing = np.where(rng.random(SIDE**2) < 0.5, rng.integers(0, 200, SIDE**2), 0) * (k % 7 < 1 + k % 5)
+        model = feed(model, growing, PAPER)
+        if model.converged:
+            break
+    assert model.converged and model.scans <= 100
+
+
+def points_at(position_m: FloatArray) -> Points:
+    n = len(position_m)
+    r, azimuth = geo.en_to_polar(position_m)
+    return Points(r, azimuth, position_m, np.ones(n), np.zeros(n, np.int64), np.zeros(n), np.zeros(n))
+
+
+def scan_at(
+    east_m: float = 0.0, *, t_s: float = 0.0, turn_s: float = 2.5, reach_m: float = 1e4, swept: Any = None
+) -> Scan:
+    t_ns = round(t_s * 1e9)
+    return Scan(Sensor("r", 10.0, 0.01, reach_m), t_ns, t_ns - round(turn_s * 1e9), np.array([east_m, 0.0]), math.nan,
+                swept=swept)  # fmt: skip
+
+
+def test_the_grid_stays_with_the_land_when_the_radar_moves() -> None:
+    land, rules, model = (
+        points_at(np.array([[3000.0, 10.0], [3010.0, 20.0]])),
+        replace(PAPER, threshold=0),
+        no_background(),
+    )
+    for k in range(20):
+        model = learn(model, scan_at(10.0 * k, t_s=2.5 * k), land, rules)
+    assert geo.in_mask(mask_of(model, rules), land.position_m).all()
+    assert len(model) == 1
+
+
+def test_what_a_scan_does_not_look_at_is_not_forgotten() -> None:
+    rules = replace(PAPER, threshold=0)
+    near, far = np.array([[500.0, 0.0]]), np.array([[5000.0, 0.0]])
+    model = no_background()
+    for _ in range(20):
+        model = learn(model, scan_at(), points_at(np.concatenate([near, far])), rules)
+    west = np.arange(720) >= 360
+    for short in (scan_at(reach_m=2000.0), scan_at(swept=west)):
+        after = model
+        for _ in range(20):
+            after = learn(after, short, points_at(np.zeros((0, 2))), rules)
+        mask = mask_of(after, rules)
+        assert geo.in_mask(mask, far).all()
+        assert geo.in_mask(mask, near).any() == (short.swept is not None)
+
+
+def test_a_half_life_in_seconds_is_that_whatever_the_antenna_does() -> None:
+    at = points_at(np.array([[500.0, 0.0]]))
+    for turn_s in (1.0, 2.5):
+        rules = replace(PAPER, half_life_s=60.0, threshold=0, start="empty")
+        model = no_background()
+        for k in range(round(60.0 / turn_s)):
+            model = learn(model, scan_at(t_s=turn_s * k, turn_s=turn_s), at, rules)
+        assert psi_of(model, model.key, rules)[0, 0] == pytest.approx(0.5, rel=1e-9)
+
+
+def test_a_half_life_in_scans_is_one_of_the_learning_rate() -> None:
+    at = points_at(np.array([[500.0, 0.0]]))
+    models = []
+    for rules in (replace(PAPER, half_life_scans=10.0), replace(PAPER, learning_rate=0.5**0.1)):
+        model = no_background()
+        for _ in range(5):
+            model = learn(model, scan_at(), at, rules)
+        models.append(psi_of(model, model.key, rules))
+    assert_allclose(*models, rtol=1e-12)
+
+
+def test_memory_is_bounded_and_what_is_nearest_to_empty_goes_first() -> None:
+    rules = replace(PAPER, threshold=0, max_pixels=40)
+    land = np.array([[500.0 + 50 * i, 0.0] for i in range(20)])
+    rng, model = np.random.default_rng(0), no_background()
+    for _ in range(60):
+        sea = rng.uniform(-8000, 8000, (5, 2))
+        model = learn(model, scan_at(), points_at(np.concatenate([land, sea])), rules)
+        assert len(model) <= 40
+    assert geo.in_mask(mask_of(model, rules), land).all()
+
+
+def test_pixels_are_named_by_their_place_wherever_that_is() -> None:
+    rng = np.random.default_rng(0)
+    at = np.concatenate([rng.uniform(-1e5, 1e5, (500, 2)), [[0.0, 0.0], [-1e-9, 0.0], [1e300, -1e300]]])
+    key = geo.pixel_key(at, 25.0, (3.0, -4.0))
+    centre = geo.pixel_centre(key, 25.0, (3.0, -4.0))
+    assert (np.abs(at - centre)[:-1] <= 12.5 + 1e-9).all()
+    assert (geo.pixel_key(centre, 25.0, (3.0, -4.0)) == key).all()
