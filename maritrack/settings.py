@@ -208,15 +208,17 @@ class TrackerConfig:
 class SprtConfig:
     """The sequential probability ratio test; it confirms and deletes in place of the existence limits of `tracker`."""
 
-    p_false_alarm: float = 0.01  # a false cluster in a gate; polar, sec. II
+    p_false_alarm: float = 0.01  # a false cluster in a gate; polar, sec. II; 0 = from clutter density and gate area
     alpha: float = 1e-3  # a false track is confirmed
     beta: float = 0.05  # a true track is deleted
     start_ratio: float = 0.0  # log-likelihood ratio of a new track; its first cluster is no hit
     existence_max: float = 0.999  # cap, or an old track would never end; not below the limit that confirms
     assignment: Literal["greedy", "optimal"] = "greedy"
+    assign_by_shape: bool = False  # a hull takes the cluster that looks like it, not a speck of clutter that is nearer
 
     def __post_init__(self) -> None:
-        for name in ("p_false_alarm", "alpha", "beta", "existence_max"):
+        _require(0.0 <= self.p_false_alarm < 1.0, f"sprt.p_false_alarm = {self.p_false_alarm} is not between 0 and 1")
+        for name in ("alpha", "beta", "existence_max"):
             value = getattr(self, name)
             _require(0.0 < value < 1.0, f"sprt.{name} = {value} is not between 0 and 1")
         low, high = math.log(self.beta / (1.0 - self.alpha)), math.log((1.0 - self.beta) / self.alpha)
@@ -230,23 +232,29 @@ class PhdConfig:
     """The mixture of the PHD filter; it starts, keeps, reports and ends its components by weight alone."""
 
     p_survive_scan: float = 0.95  # polar, sec. II, a scan that moves the clock; 0 = model.p_survive, a second
-    birth_weight: float = 0.05  # polar, sec. II: "small"
+    birth_weight: float = 0.05  # polar, sec. II: "small"; 0 = P_D b / (lambda + P_D b), as tracker.birth_existence
     prune_weight: float = 1e-3
     merge_distance2: float = 4.0  # squared Mahalanobis distance of the states, with the heavier one's covariance
     merge_extent: Literal["gauss-wasserstein", "kl"] = "gauss-wasserstein"  # how alike extents must be
     merge_eps_share: float = 0.25  # Gauss-Wasserstein distance below this share of cluster.eps_m
     merge_kl: float = 25.0  # symmetrised divergence below this
+    unite_distance2: float = 0.0  # as near the middle of another's hull, and moving with it: a part of it; 0 = none
     max_components: int = 5000  # the heaviest stay
-    extract_weight: float = 0.5  # heavier ones are confirmed
+    extract_weight: float = 0.5  # heavier ones are confirmed ...
+    extract_hits: int = 1  # ... after so many scans with a cluster
     hold_scans: int = 0  # misses in a row for which one that was confirmed is shown, and scored, as coasted
 
     def __post_init__(self) -> None:
         _in_unit("phd.p_survive_scan", self.p_survive_scan)
-        for name in ("birth_weight", "prune_weight"):
-            value = getattr(self, name)
-            _require(0.0 < value < 1.0, f"phd.{name} = {value} is not between 0 and 1")
-        _require(self.prune_weight <= self.birth_weight, "phd.prune_weight must not be above phd.birth_weight")
-        _require(self.merge_distance2 >= 0, "phd.merge_distance2 must not be negative")
+        _require(0.0 <= self.birth_weight < 1.0, f"phd.birth_weight = {self.birth_weight} is not between 0 and 1")
+        _require(0.0 < self.prune_weight < 1.0, f"phd.prune_weight = {self.prune_weight} is not between 0 and 1")
+        _require(
+            self.birth_weight == 0.0 or self.prune_weight <= self.birth_weight,
+            "phd.prune_weight must not be above phd.birth_weight",
+        )
+        for name in ("merge_distance2", "unite_distance2"):
+            _require(getattr(self, name) >= 0, f"phd.{name} must not be negative")
+        _require(self.extract_hits >= 1, "phd.extract_hits starts at 1")
         _positive("phd.merge_eps_share", self.merge_eps_share)
         _positive("phd.merge_kl", self.merge_kl)
         _require(self.max_components >= 1, "phd.max_components starts at 1")

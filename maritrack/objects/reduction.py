@@ -9,6 +9,7 @@ share. A component is measured against heavier ones only; ties in weight are for
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,31 +24,40 @@ LIMIT = 2.0 * math.log(2.0)  # of _spread for a -> inf
 BLOCK = 2_000  # heavier components whose neighbours are asked at once
 
 
-def near_pairs(d: Giw, distance2: float) -> tuple[IntArray, IntArray]:
-    """Pairs (i, j), i < j, with (m_i - m_j)' P_i^-1 (m_i - m_j) < distance2, the kinematics of both at one time."""
+def near_pairs(d: Giw, distance2: float, *, hull: FloatArray | None = None) -> tuple[IntArray, IntArray]:
+    """Pairs (i, j), i < j, with (m_i - m_j)' T^-1 (m_i - m_j) < distance2, the kinematics of both at one time.
+
+    T is P_i. With `hull` (n, 2, 2), the scatter of the points of each object, it is P_i + hull_i in position and
+    P_i + P_j in velocity, without their correlation: what lies in the hull and moves with it as far as one can tell.
+    """
     if len(d) < 2 or distance2 <= 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    at, cov = d.x[:, :2], d.P[:, :2, :2]
+    at, cov = d.x[:, :2], d.P[:, :2, :2] if hull is None else d.P[:, :2, :2] + hull
     radius = np.sqrt(distance2 * matrix2.eigen(cov)[0][:, 0]) * (1.0 + 1e-9)
     inv, tree = matrix2.inverse(cov), cKDTree(at)
-    found = [_near_block(d, inv, tree, radius, begin, distance2) for begin in range(0, len(d), BLOCK)]
-    return np.concatenate([i for i, _ in found]), np.concatenate([j for _, j in found])
-
-
-def _near_block(
-    d: Giw, inv: FloatArray, tree: cKDTree, radius: FloatArray, begin: int, distance2: float
-) -> tuple[IntArray, IntArray]:
-    rows = np.arange(begin, min(begin + BLOCK, len(d)))
-    around = tree.query_ball_point(d.x[rows, :2], radius[rows])
-    count = np.fromiter(map(len, around), np.int64, len(rows))
-    i, j = np.repeat(rows, count), np.concatenate([np.asarray(near, np.int64) for near in around])
-    lighter = j > i
-    i, j = i[lighter], j[lighter]
-    maybe = matrix2.form(inv[i], d.x[i, :2] - d.x[j, :2]) < distance2  # the position alone is never farther than all
-    i, j = i[maybe], j[maybe]
+    i, j = (np.concatenate(part) for part in zip(*_blocks(d, inv, tree, radius, distance2), strict=True))
     gap = d.x[i] - d.x[j]
-    near = np.einsum("ki,ki->k", gap, np.linalg.solve(d.P[i], gap[..., None])[..., 0]) < distance2
-    return i[near], j[near]
+    if hull is None:
+        distance = np.einsum("ki,ki->k", gap, np.linalg.solve(d.P[i], gap[..., None])[..., 0])
+    else:
+        faster = matrix2.inverse(d.P[i, 2:, 2:] + d.P[j, 2:, 2:])
+        distance = matrix2.form(inv[i], gap[:, :2]) + matrix2.form(faster, gap[:, 2:])
+    return i[distance < distance2], j[distance < distance2]
+
+
+def _blocks(
+    d: Giw, inv: FloatArray, tree: cKDTree, radius: FloatArray, distance2: float
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Pairs that are near in position, which alone is never farther than all, block by block of the heavier ones."""
+    for begin in range(0, len(d), BLOCK):
+        rows = np.arange(begin, min(begin + BLOCK, len(d)))
+        around = tree.query_ball_point(d.x[rows, :2], radius[rows])
+        count = np.fromiter(map(len, around), np.int64, len(rows))
+        i, j = np.repeat(rows, count), np.concatenate([np.asarray(near, np.int64) for near in around])
+        lighter = j > i
+        i, j = i[lighter], j[lighter]
+        near = matrix2.form(inv[i], d.x[i, :2] - d.x[j, :2]) < distance2
+        yield i[near], j[near]
 
 
 def gauss_wasserstein2(X1: FloatArray, X2: FloatArray) -> FloatArray:

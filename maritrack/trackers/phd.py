@@ -15,7 +15,7 @@ from maritrack.objects import giw, reduction
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config, PhdConfig
 from maritrack.trackers import steps, tracklist
-from maritrack.trackers.clutter import learn_clutter
+from maritrack.trackers.clutter import clutter_at, learn_clutter
 from maritrack.trackers.steps import Info, Sight
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import (
@@ -73,7 +73,8 @@ class Phd:
         """Components at their own times: those above `phd.extract_weight` are confirmed, one track for each."""
         rules, w = self.config.phd, state.existence
         held = state.confirmed & (state.misses > 0) & (state.misses <= rules.hold_scans)
-        status = np.where(w > rules.extract_weight, CONFIRMED, np.where(held, COASTED, TENTATIVE))
+        shown = (w > rules.extract_weight) & (state.hits >= rules.extract_hits)
+        status = np.where(shown, CONFIRMED, np.where(held, COASTED, TENTATIVE))
         tracks = tracklist.estimate(state, self.config.tracker)
         return replace(tracks, status=status.astype(np.int64), existence=np.minimum(w, 1.0))
 
@@ -164,10 +165,31 @@ def reduce_mixture(mixture: TrackList, t_ns: int, eps_m: float, config: Config) 
     lead = np.flatnonzero(into == np.arange(len(d)))
     with np.errstate(divide="ignore"):
         d, log_w = reduction.merge(d, np.log(mixture.existence), into)
-    d = d if at_once else giw.predict(d, -since_s[lead], still)
-    merged = replace(tracklist.select(mixture, lead), density=d, existence=np.exp(log_w))
+    whole, weight = parts_united(d, np.exp(log_w), tracklist.select(mixture, lead), config)
+    d = take(d, whole)
+    d = d if at_once else giw.predict(d, -since_s[lead[whole]], still)
+    merged = replace(tracklist.select(mixture, lead[whole]), density=d, existence=weight)
     heaviest = heaviest_first(merged)[: config.phd.max_components]
-    return tracklist.select(merged, heaviest), rank[lead[heaviest]]
+    return tracklist.select(merged, heaviest), rank[lead[whole[heaviest]]]
+
+
+def parts_united(d: Giw, weight: FloatArray, rows: TrackList, config: Config) -> tuple[IntArray, FloatArray]:
+    """Which components stay when what lies in the hull of another and moves with it is a part of that, and weights.
+
+    The one that was reported first, under the lowest label, is the whole; among others the heaviest. Its state and
+    extent stay as they are: the mean of the parts would count the hull as uncertainty, and grow with it.
+    `phd.unite_distance2` = 0 unites none.
+
+    Reading: polar sec. II merges by state and extent alone, and so does the default; the preset `radar` unites.
+    """
+    rules, x = config.phd, d.x
+    reported = rows.confirmed & (weight > rules.extract_weight)
+    order = np.lexsort((x[:, 1], x[:, 0], rows.id, -weight, np.where(reported, rows.id, rows.next_id)))
+    ranked = take(d, order)
+    i, j = reduction.near_pairs(ranked, rules.unite_distance2, hull=config.model.rho * ranked.X)
+    into = reduction.leaders(i, j, len(order))
+    whole = np.flatnonzero(into == np.arange(len(order)))
+    return order[whole], np.asarray(np.bincount(into, weight[order], len(order)), np.float64)[whole]
 
 
 def alike(d: Giw, i: IntArray, j: IntArray, eps_m: float, config: Config) -> BoolArray:
@@ -198,7 +220,8 @@ def relabel(mixture: TrackList, rules: PhdConfig) -> TrackList:
     keeps[order[first]] = True
     others = order[~keeps[order]]
     label[others] = mixture.next_id + np.arange(len(others))
-    confirmed = (mixture.confirmed & keeps) | (mixture.existence > rules.extract_weight)
+    shown = (mixture.existence > rules.extract_weight) & (mixture.hits >= rules.extract_hits)
+    confirmed = (mixture.confirmed & keeps) | shown
     named = replace(mixture, id=label, confirmed=confirmed, next_id=mixture.next_id + len(others))
     return tracklist.select(named, np.argsort(label))
 
@@ -214,11 +237,13 @@ def give_birth(
     clutter = learn_clutter(mixture.clutter.get(sensor), clusters, unexplained, scan, config)
     if clutter is not None:
         mixture = replace(mixture, clutter={**mixture.clutter, sensor: clutter})
-    heavier = tracklist.select(mixture, mixture.existence >= rules.birth_weight)
+    born = replace(config, tracker=replace(config.tracker, birth_existence=rules.birth_weight))
+    weight = tracklist.birth_existence(born, clutter_at(clutter, clusters, config))
+    free = np.flatnonzero(unexplained > 0.5)
+    heavier = tracklist.select(mixture, mixture.existence >= weight[free].max(initial=0.0))
     room = replace(config.tracker, max_tracks=rules.max_components)
-    free, left_out = tracklist.room_for(heavier, clusters, np.flatnonzero(unexplained > 0.5), room)
+    free, left_out = tracklist.room_for(heavier, clusters, free, room)
     stays = heaviest_first(mixture)[: rules.max_components - len(free)]
     mixture = mixture if len(stays) == len(mixture) else tracklist.select(mixture, np.sort(stays))
     t_ns = tracklist.beam_time(scan, points, clusters.mean_m[free])
-    weight = np.full(len(free), rules.birth_weight)
-    return tracklist.start(mixture, clusters, free, t_ns, weight, config), left_out
+    return tracklist.start(mixture, clusters, free, t_ns, weight[free], config), left_out

@@ -32,9 +32,9 @@ def components(weights: list[float], labels: list[int], places: list[float]) -> 
     x = np.zeros((n, 4))
     x[:, 0] = places
     d = Giw(x, np.tile(np.diag([25.0, 25.0, 1.0, 1.0]), (n, 1, 1)), np.zeros((n, 2, 2)), np.full(n, 4.0))
-    zero, no = np.zeros(n, np.int64), np.zeros(n, bool)
+    zero, one, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, bool)
     return TrackList(
-        d, zero, np.array(weights), np.array(labels, np.int64), zero, zero, no, x[:, :2].copy(), no, np.zeros(n), zero,
+        d, zero, np.array(weights), np.array(labels, np.int64), one, zero, no, x[:, :2].copy(), no, np.zeros(n), zero,
         next_id=100,
     )  # fmt: skip
 
@@ -153,6 +153,63 @@ def test_extents_that_differ_do_not_merge() -> None:
     for limit, left in ((0.5, 2), (25.0, 1)):
         kl = replace(extended, phd=replace(extended.phd, merge_extent="kl", merge_kl=limit))
         assert len(phd.reduce_mixture(mixture, 0, 36.0, kl)[0]) == left
+
+
+HULLS = replace(CONFIG, model=replace(CONFIG.model, extent="random-matrix"))
+UNITE = replace(HULLS, phd=replace(HULLS.phd, unite_distance2=4.0))
+
+
+def hulls(weights: list[float], labels: list[int], places: list[float], lengths: list[float]) -> TrackList:
+    """Components whose hulls lie along the line, 20 m wide."""
+    mixture = components(weights, labels, places)
+    X = np.array([np.diag([(length / 2) ** 2, 100.0]) for length in lengths])
+    return replace(mixture, density=replace(mixture.density, X=X), confirmed=np.ones(len(X), bool))
+
+
+def test_a_part_in_the_hull_of_an_older_one_joins_it_and_leaves_it_as_it_is() -> None:
+    """A small hull 60 m from the middle of one of 200 m: within its half length, 100 m away it is not."""
+    mixture = hulls([0.8, 0.9, 0.7], [1, 2, 3], [0.0, 60.0, 115.0], [200.0, 20.0, 20.0])
+    state = reduced(mixture, UNITE)
+    assert state.id.tolist() == [1, 3]
+    assert_allclose(state.existence, [0.8 + 0.9, 0.7])
+    assert_array_equal(state.density.x[0], mixture.density.x[0])
+    assert_array_equal(state.density.P[0], mixture.density.P[0])
+    assert_array_equal(state.density.X[0], mixture.density.X[0])
+    assert reduced(mixture, HULLS).id.tolist() == [1, 2, 3]
+
+
+def test_parts_of_one_label_are_the_heaviest_of_them() -> None:
+    state = reduced(hulls([0.8, 0.9], [1, 1], [0.0, 60.0], [200.0, 200.0]), UNITE)
+    assert state.id.tolist() == [1]
+    assert_allclose(state.density.x[:, 0], [60.0])
+    assert_allclose(state.existence, [1.7])
+
+
+def test_what_is_not_reported_is_never_the_whole_of_what_is() -> None:
+    mixture = hulls([0.4, 0.9], [1, 2], [0.0, 60.0], [200.0, 200.0])
+    assert reduced(mixture, UNITE).id.tolist() == [2]
+
+
+def test_what_crosses_a_hull_at_its_own_speed_is_no_part_of_it() -> None:
+    mixture = hulls([0.8, 0.9], [1, 2], [0.0, 60.0], [200.0, 20.0])
+    mixture.density.x[1, 3] = 5.0  # 3.5 standard deviations of the difference
+    assert reduced(mixture, UNITE).id.tolist() == [1, 2]
+
+
+def test_a_birth_weighs_what_the_densities_of_births_and_clutter_say() -> None:
+    config = plain_config(NAME, "phd.birth_weight=0.0", "tracker.birth_density_per_m2=1e-7")
+    born = 0.8 * 1e-7
+    assert_allclose(step(config, None, OBJECT, 0.0).existence, [born / (1e-6 + born)])
+
+
+def test_a_heavy_component_is_reported_after_as_many_hits_as_asked_for() -> None:
+    config = plain_config(NAME, "phd.extract_hits=3")
+    state, seen = None, []
+    for k in range(4):
+        state = step(config, state, OBJECT, float(k))
+        status = TRACKERS[NAME](config).estimate(state).status
+        seen.append((bool((state.existence > 0.5).any()), int((status == CONFIRMED).sum())))
+    assert seen == [(False, 0), (True, 0), (True, 1), (True, 1)]
 
 
 def test_components_are_compared_at_one_time() -> None:

@@ -216,6 +216,21 @@ def test_near_pairs_are_those_of_the_plain_loop(seed: int, n: int, limit: float)
 
 
 @law
+@given(st.integers(0, 10_000), st.integers(0, 12), st.floats(0.5, 30))
+def test_pairs_of_a_hull_are_those_of_the_plain_loop(seed: int, n: int, limit: float) -> None:
+    d = mixture(seed, n)
+    expected = []
+    for i in range(n):
+        for j in range(i + 1, n):
+            gap = d.x[i] - d.x[j]
+            place = gap[:2] @ np.linalg.inv(d.P[i, :2, :2] + 0.25 * d.X[i]) @ gap[:2]
+            if place + gap[2:] @ np.linalg.inv(d.P[i, 2:, 2:] + d.P[j, 2:, 2:]) @ gap[2:] < limit:
+                expected.append((i, j))
+    i, j = reduction.near_pairs(d, limit, hull=0.25 * d.X)
+    assert sorted(zip(i.tolist(), j.tolist(), strict=True)) == expected
+
+
+@law
 @given(st.integers(0, 10_000))
 def test_gauss_wasserstein_is_the_formula_with_matrix_roots(seed: int) -> None:
     A, B = spd(np.random.default_rng(seed), 2, 25.0, 1e4)
