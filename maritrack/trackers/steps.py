@@ -115,6 +115,14 @@ def gate_cost(sight: Sight, config: Config) -> FloatArray:
     return np.asarray(cost)
 
 
+def log_shape(sight: Sight, clusters: Clusters, scan: Scan, points: Points, config: Config) -> FloatArray:
+    """Log likelihood ratio of the shapes of pairs (k,), object against clutter."""
+    eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
+    polar = config.cluster.method == "polar-dbscan"
+    V0 = giw.clutter_scatter(clusters, scan.position_m, eps_m, cylinder_radius_m(points, scan) if polar else 0.0)
+    return giw.log_shape_ratio(sight.tracks.density, clusters, sight.pairs, V0, config.model)
+
+
 def log_weights(
     sight: Sight, clusters: Clusters, scan: Scan, points: Points, detected: FloatArray, config: Config
 ) -> FloatArray:
@@ -122,14 +130,24 @@ def log_weights(
 
     P_D P_G (r) times the normalised likelihood of eq. 9, in which 1/P_G cancels.   Eq: polar-9
     """
-    tracks, pairs, polar = sight.tracks, sight.pairs, config.cluster.method == "polar-dbscan"
+    tracks, pairs = sight.tracks, sight.pairs
     lam = clutter_at(tracks.clutter.get(scan.sensor.id), clusters, config)
-    eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
-    V0 = giw.clutter_scatter(clusters, scan.position_m, eps_m, cylinder_radius_m(points, scan) if polar else 0.0)
-    shape = giw.log_shape_ratio(tracks.density, clusters, pairs, V0, config.model)
+    shape = log_shape(sight, clusters, scan, points, config)
     with np.errstate(divide="ignore"):  # a track out of sight has weight 0, its log is -inf
         log_detected = np.log(detected)[pairs.i]
     return np.asarray(log_detected + giw.log_centroid(pairs) - np.log(lam)[pairs.j] + shape)
+
+
+def clutter_of_tracks(sight: Sight, scan: Scan, config: Config) -> FloatArray:
+    """Clutter density (t,) where the tracks are, per m^2."""
+    at, n = sight.tracks.density.x[:, :2], len(sight.tracks)
+    range_m, azimuth_rad = geo.en_to_polar(at - scan.position_m)
+    none, shapes, whole = np.zeros(n), np.zeros((n, 2, 2)), np.zeros(n, np.int64)
+    places = Clusters(
+        mean_m=at, scatter_m2=shapes, count=whole, weight_sq=none, noise_m2=shapes, t_ns=sight.tracks.t_ns,
+        range_m=range_m, azimuth_rad=azimuth_rad, intensity=none, label=whole[:0],
+    )  # fmt: skip
+    return clutter_at(sight.tracks.clutter.get(scan.sensor.id), places, config)
 
 
 def carry_on(

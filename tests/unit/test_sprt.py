@@ -16,7 +16,7 @@ from maritrack.errors import ConfigError
 from maritrack.objects import giw
 from maritrack.settings import SprtConfig
 from maritrack.trackers import steps, tracklist
-from maritrack.trackers.sprt import limits, log_ratio_step, with_limits_of_the_test
+from maritrack.trackers.sprt import false_alarm, limits, log_ratio_step, with_limits_of_the_test
 from tests.unit.scans import clusters_of, plain_config, scan_of, step
 
 HERE, NOTHING = [[300.0, 400.0]], np.zeros((0, 2))
@@ -41,9 +41,46 @@ def ratio(state: tracklist.TrackList) -> float:
 def test_a_hit_and_a_miss_count_as_the_paper_s_numbers_say() -> None:
     """P_D = 0.8, P_FA = 0.01, P_G = 0.99."""
     hit, missed, unseen = np.array([True, False, False]), np.array([0.8, 0.8, 0.0]), np.zeros(1)
-    got = log_ratio_step(hit, missed, 0.99, SprtConfig())
+    got = log_ratio_step(hit, missed, 0.99, np.full(3, SprtConfig().p_false_alarm))
     assert_allclose(got, [4.372, -1.560, 0.0], atol=5e-4)
     assert_allclose(got, [HIT, MISS, *unseen], rtol=1e-12)
+
+
+def test_the_false_alarm_of_a_gate_is_that_of_its_clutter() -> None:
+    """1 - exp(-lambda A), A = pi 9.21 sqrt|S|, against gates counted in a field of clutter."""
+    config = plain_config("sprt", "sprt.p_false_alarm=0.0", "model.clutter_density_per_m2=2e-4")
+    scan, points = scan_of(HERE, 1.0)
+    sight = steps.look(step(config, None, HERE, 0.0), scan, points, clusters_of(config, np.array(HERE), 1.0), config)
+    P = sight.tracks.density.P[0, :2, :2]
+    rng, n = np.random.default_rng(3), 4000
+    counts = rng.poisson(2e-4 * 400.0**2, n)
+    field = rng.uniform(-200, 200, (counts.sum(), 2))
+    inside = np.einsum("ni,ij,nj->n", field, np.linalg.inv(P), field) < -2 * math.log(0.01)
+    full = np.bincount(np.repeat(np.arange(n), counts), inside, n) > 0
+    (p,) = false_alarm(sight, scan, config)
+    assert 0.05 < p < 0.95
+    assert_allclose(p, full.mean(), atol=4 * math.sqrt(p * (1 - p) / n))
+
+
+def test_a_hull_takes_the_cluster_that_looks_like_it() -> None:
+    """A speck of clutter amidships, the hull itself a little off: by place alone the speck is taken."""
+    rng = np.random.default_rng(0)
+    hull = [500.0, 900.0] + rng.uniform(-1, 1, (300, 2)) * [60.0, 8.0]
+    speck = [500.0, 907.0] + rng.uniform(-1, 1, (4, 2)) * 3.0
+    scene = np.concatenate([hull - [0.0, 15.0], speck])
+    taken = []
+    for by_shape in ("false", "true"):
+        config = plain_config("sprt", "model.extent=random-matrix", "cluster.method=cartesian-dbscan",
+                              "cluster.eps_m=8.0", "cluster.min_points=3", f"sprt.assign_by_shape={by_shape}",
+                              "model.accel_psd_m2ps3=10.0")  # fmt: skip
+        state = None
+        for k in range(3):
+            state = step(config, state, hull, float(k))
+        clusters = clusters_of(config, scene, 3.0)
+        state = step(config, state, scene, 3.0)
+        assert sorted(clusters.count.tolist()) == [4, 300]
+        taken.append(int(clusters.count[state.cluster[0]]))
+    assert taken == [4, 300]
 
 
 def test_wald_s_limits_of_one_in_a_thousand_and_one_in_twenty() -> None:
