@@ -139,6 +139,7 @@ class Tracks:
     moving: BoolArray  # (t,)
     cluster: IntArray  # (t,) cluster with the largest association weight, -1 = missed
     contour_m: tuple[FloatArray, ...] = ()  # (v, 2) each, for trackers that draw the hull
+    extent_dof: FloatArray | None = None  # (t,) alpha of the extent's inverse Wishart, for trackers that have one
 
     def __post_init__(self) -> None:
         names = [f.name for f in fields(self) if f.name != "contour_m"]
@@ -264,3 +265,4 @@ class RunManifest:
     versions: Mapping[str, str]
     origin: Origin | None = None
     recording: str = ""  # stem of the input, for titles; not archived
+    smoothed_from: str = ""  # id of the causal run whose tracks these are in hindsight; "" = a causal run

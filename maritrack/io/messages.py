@@ -49,6 +49,7 @@ _TRACKS = (
     _Column("cluster", "sint64"),
 )  # fmt: skip
 _CONTOURS = (_Column("contour_size", "sint64"), _Column("contour_m", "double", (2,)))
+_EXTENT_DOF = (_Column("extent_dof", "double"),)  # none = the tracker has no such
 _TRUTH = (
     _Column("position_m", "double", (2,)), _Column("velocity_mps", "double", (2,)), _Column("heading_rad", "double"),
     _Column("length_m", "double"), _Column("width_m", "double"),
@@ -64,7 +65,7 @@ _SCAN = (
     _Column("constant_float", "double"), _Column("constant_int", "sint64"), _Column("n_messages", "sint64", None),
 )  # fmt: skip
 _MESSAGES = {
-    "Scan": _SCAN, "Clusters": _CLUSTERS, "Tracks": _TRACKS + _CONTOURS, "Truth": _TRUTH_NAMES + _TRUTH,
+    "Scan": _SCAN, "Clusters": _CLUSTERS, "Tracks": _TRACKS + _CONTOURS + _EXTENT_DOF, "Truth": _TRUTH_NAMES + _TRUTH,
     "Scores": _SCORES,
 }  # fmt: skip
 
@@ -125,6 +126,8 @@ def encode_tracks(tracks: Tracks) -> bytes:
     for contour in tracks.contour_m:
         packed.contour_size.append(len(contour))
         packed.contour_m.extend(contour.ravel().tolist())
+    if tracks.extent_dof is not None:
+        packed.extent_dof.extend(tracks.extent_dof.tolist())
     return _octets(packed)
 
 
@@ -135,7 +138,8 @@ def decode_tracks(data: bytes) -> Tracks:
     if size.min(initial=0) < 0 or sum(size.tolist()) != len(vertices):
         raise ValueError("the contours of the tracks do not add up")
     contours = tuple(np.split(vertices, np.cumsum(size)[:-1])) if len(size) else ()
-    return Tracks(**_arrays(packed, _TRACKS), contour_m=contours)
+    rows = _arrays(packed, _TRACKS) | (_arrays(packed, _EXTENT_DOF) if len(packed.extent_dof) else {})
+    return Tracks(**rows, contour_m=contours)
 
 
 def encode_truth(truth: Truth) -> bytes:

@@ -234,5 +234,5 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
     return Tracks(
         id=tracks.id, t_ns=tracks.t_ns, position_m=d.x[:, :2].copy(), velocity_mps=d.x[:, 2:].copy(), cov=d.P,
         extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=tracks.moving,
-        cluster=tracks.cluster,
+        cluster=tracks.cluster, extent_dof=d.alpha,
     )  # fmt: skip

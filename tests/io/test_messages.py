@@ -46,7 +46,7 @@ def some_tracks(draw: Any) -> Tracks:
     return Tracks(
         draw(integers(t)), draw(integers(t)), draw(floats(t, 2)), draw(floats(t, 2)), draw(floats(t, 4, 4)),
         draw(floats(t, 2, 2)), draw(floats(t)), draw(integers(t)), draw(arrays(np.bool_, t)), draw(integers(t)),
-        contours,
+        contours, draw(st.none() | floats(t)) if t else None,
     )  # fmt: skip
 
 
