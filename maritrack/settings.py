@@ -263,6 +263,23 @@ class PhdConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SmoothConfig:
+    """What `maritrack smooth` takes for true and for under way, told by the whole life of a track."""
+
+    min_hits: int = 10  # fewer are clutter, even where the tracker confirmed them
+    moving_speed_mps: float = 0.5  # median, or it lies at rest for more than half of its life
+    moving_displacement_m: float = 30.0  # greatest distance between two of its places ...
+    moving_lengths: float = 1.0  # ... and so many of its own lengths: an echo wanders over what it comes from
+    moving_length_max_m: float = math.inf  # what is longer is a shore
+
+    def __post_init__(self) -> None:
+        _require(self.min_hits >= 1, "smooth.min_hits starts at 1")
+        for name in ("moving_speed_mps", "moving_displacement_m", "moving_lengths"):
+            _require(getattr(self, name) >= 0, f"smooth.{name} must not be negative")
+        _positive("smooth.moving_length_max_m", self.moving_length_max_m)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ScoreConfig:
     """Metrics, and what counts as truth."""
 
@@ -307,5 +324,6 @@ class Config:
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sprt: SprtConfig = field(default_factory=SprtConfig)
     phd: PhdConfig = field(default_factory=PhdConfig)
+    smooth: SmoothConfig = field(default_factory=SmoothConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

@@ -41,6 +41,8 @@ BELOW = {  # what each part of the package may import besides itself
     "job": LINE | {"chain", "io", "manifest", "recording", "run", "sinks"},
     "replay": BASE | {"config", "io", "manifest", "recording", "job", "run", "sinks", "verify"},
     "score": LINE | {"chain", "io", "recording", "replay", "run"},
+    "retrospect": BASE | {"objects"},
+    "smooth": LINE | {"chain", "io", "job", "replay", "retrospect", "run"},
     "convert": BASE | {"io"},
     "live": BASE | {"io"},
     "survey": BASE | {"geo", "io"},

@@ -63,6 +63,35 @@ def predict(d: Giw, dt_s: FloatArray, model: ModelConfig) -> Giw:
     return Giw(x, P, d.X, alpha)
 
 
+def smooth(d: Giw, later: Giw, dt_s: FloatArray, model: ModelConfig) -> Giw:
+    """Densities with the use of what came later: one step back of a fixed-interval smoother.
+
+    `d` are filtered densities, `later` the smoothed ones of the same objects dt_s (n,) seconds after. The state
+    is the Rauch-Tung-Striebel smoother of the constant-velocity model, exact where the updates were Kalman's; of a
+    mixture that was moment-matched it is the smoother of the Gaussian in its place.
+
+    The extent is an inverse Wishart with natural parameters alpha and V = alpha X. What the future adds to the
+    predicted ones counts less by the factor with which `predict` forgets, f = exp(-dt / tau), as it does forwards:
+    alpha_s = alpha + f (alpha_later - alpha_predicted), V_s = V + f (V_later - V_predicted). V_predicted is
+    alpha_predicted X, so V_s = (alpha - f alpha_predicted) X + f V_later, a mean with weights that are not negative.
+    Without forgetting all extents are the last one: that of a rigid object with all its clusters.
+    """
+    ahead = predict(d, dt_s, model)
+    F = np.broadcast_to(EYE4, (len(d), 4, 4)).copy()
+    F[:, 0, 2] = F[:, 1, 3] = dt_s
+    back = np.linalg.solve(ahead.P, F @ d.P).transpose(0, 2, 1)  # P F' P_ahead^-1
+    x = d.x + np.einsum("nij,nj->ni", back, later.x - ahead.x)
+    P = d.P + back @ (later.P - ahead.P) @ back.transpose(0, 2, 1)
+    P = (P + P.transpose(0, 2, 1)) / 2
+    if model.extent == "point":
+        return Giw(x, P, d.X, d.alpha)
+    fade = np.exp(-dt_s / model.extent_time_constant_s)
+    own = d.alpha - fade * ahead.alpha
+    alpha = own + fade * later.alpha
+    X = (own[:, None, None] * d.X + (fade * later.alpha)[:, None, None] * later.X) / alpha[:, None, None]
+    return Giw(x, P, X, alpha)
+
+
 def birth(clusters: Clusters, model: ModelConfig) -> Giw:
     """New objects at rest at clusters (c,), the extent from the steady state.   Eq: polar-7"""
     c = len(clusters)
