@@ -33,6 +33,7 @@ from . import (
     score,
     show,
     simulate,
+    smooth,
 )
 
 EXIT_BUG, EXIT_INTERRUPTED, EXIT_PIPE = 70, 130, 141
@@ -61,7 +62,22 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Start with: `maritrack simulate harbour -o harbour.cat240 && maritrack process harbour.cat240 --view`",
 )
-for module in (process, replay, diff, score, simulate, show, export, dump, convert, record, play, papers, reproduce):
+for module in (
+    process,
+    replay,
+    smooth,
+    diff,
+    score,
+    simulate,
+    show,
+    export,
+    dump,
+    convert,
+    record,
+    play,
+    papers,
+    reproduce,
+):
     module.register(app)
 app.add_typer(config.app, name="config")
 

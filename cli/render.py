@@ -128,8 +128,9 @@ def steps(what: str, *, quiet: bool) -> Iterator[Any]:
 def summary(document: Mapping[str, Any]) -> None:
     """A run's summary for people."""
     counts = document["counts"]
+    kind = "offline" if document.get("offline") else "causal"
     print(
-        f"{document['tracker']} ({document['preset']}): {counts['scans']} scans, {counts['points']} points, "
+        f"{document['tracker']} ({document['preset']}), {kind}: {counts['scans']} scans, {counts['points']} points, "
         f"{counts['clusters']} clusters, {counts['track_ids_confirmed']} confirmed tracks, "
         f"{counts['track_ids_moving']} of them seen moving"
     )

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from maritrack.chain import build_chain
+from maritrack.chain import build_chain, process
 from maritrack.errors import InputError, UsageError
 from maritrack.io.source import Octets
 from maritrack.manifest import make_manifest
 from maritrack.recording import Recording, open_recording
-from maritrack.run import Progress, Sink, run
+from maritrack.run import Progress, Sink, Step, run
 from maritrack.settings import Config
 from maritrack.sinks.summary import write_summary
 from maritrack.types import RunManifest
@@ -41,14 +41,20 @@ class Job:
     raster_px: int = field(default=1024)
 
 
-def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, Any], bool]:
-    """Run a job; its summary, and whether a finished equal run was found instead."""
+def execute(
+    job: Job, *, progress: Progress | None = None, step: Step = process, smoothed_from: str = ""
+) -> tuple[dict[str, Any], bool]:
+    """Run a job; its summary, and whether a finished equal run was found instead.
+
+    `step` makes a result of each frame; with the id of the run in `smoothed_from` it takes that run's, in hindsight.
+    """
     recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict, workers=job.workers)
     manifest = make_manifest(
         job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
-        origin=recording.origin, recording=job.name,
+        origin=recording.origin, recording=job.name, smoothed_from=smoothed_from,
     )  # fmt: skip
-    folder = job.out or Path("runs") / f"{_safe(job.name)}-{manifest.tracker}-{manifest.run_id[:8]}"
+    kind = "offline-" if smoothed_from else ""
+    folder = job.out or Path("runs") / f"{_safe(job.name)}-{manifest.tracker}-{kind}{manifest.run_id[:8]}"
     if not job.force and all(job.input_sha256) and (old := finished(folder, manifest, job)) is not None:
         return old, True
     folder.mkdir(parents=True, exist_ok=True)
@@ -58,6 +64,7 @@ def execute(job: Job, *, progress: Progress | None = None) -> tuple[dict[str, An
             summary = run(
                 recording.frames, _chain(job.config, recording), _sinks(job, folder), manifest,
                 reference=recording.reference, progress=progress, extra_damage=recording.damage, keep_partial=keep,
+                step=step,
             )  # fmt: skip
         except OSError as error:
             raise InputError(f"{error.filename or folder}: {error.strerror or error}") from error

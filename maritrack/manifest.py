@@ -51,14 +51,16 @@ def make_manifest(
     side: Mapping[str, bytes],
     origin: Origin | None,
     recording: str,
+    smoothed_from: str = "",
 ) -> RunManifest:
-    """The manifest of a run. Its id covers code, configuration, inputs and side documents."""
+    """The manifest of a run. Its id covers code, configuration, inputs, side documents and the run it smooths."""
     toml, code = to_toml(config), code_digest()
     digest = hashlib.sha256(f"{code}\n{toml}\n{' '.join(input_sha256)}\n".encode())
     for name in sorted(side):
         digest.update(name.encode() + b"\0" + hashlib.sha256(side[name]).digest())
+    digest.update(smoothed_from.encode())
     return RunManifest(
         run_id=digest.hexdigest(), tracker=config.tracker_name, preset=config.preset, code_sha256=code,
         config_toml=toml, input_sha256=tuple(input_sha256), input_kind=tuple(input_kind), seed=config.seed,
-        versions=versions(), origin=origin, recording=recording,
+        versions=versions(), origin=origin, recording=recording, smoothed_from=smoothed_from,
     )  # fmt: skip

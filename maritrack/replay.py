@@ -90,9 +90,20 @@ def prepare(
     `inputs` are the recordings, for archives that hold only their digests. An archive that breaks off is
     replayed as far as it goes.
     """
-    damage: list[Damage] = []
     archive = read_archive(path)
-    manifest = archive.manifest
+    if archive.manifest.smoothed_from:
+        told = f"offline tracks, smoothed from run {archive.manifest.smoothed_from[:8]}"
+        raise UsageError(f"{path}: {told}, not a run of their own", hint="replay that run, then `maritrack smooth` it")
+    return archived_job(archive, tracker=tracker, sets=sets, inputs=inputs, out=out, rrd=rrd, mcap=mcap, force=force)
+
+
+def archived_job(
+    archive: Archive, *, tracker: str = "", sets: Sequence[str] = (), inputs: Sequence[Path] = (),
+    out: Path | None = None, rrd: bool = True, mcap: bool = True, force: bool = False,
+) -> Replay:  # fmt: skip
+    """The same for an archive of any kind of tracks: its recording and configuration."""
+    damage: list[Damage] = []
+    path, manifest = archive.path, archive.manifest
     if out is not None and out.resolve() == path.resolve().parent:
         raise UsageError(f"{out}: the archive that is read lies there", hint="choose another folder with -o")
     octets = _given(archive, inputs) if inputs else _archived(archive, damage)

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from maritrack.chain import Chain, process
+from maritrack.chain import Chain, ChainState, process
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
 from maritrack.types import CONFIRMED, Damage, Frame, Result, RunManifest
@@ -31,6 +31,7 @@ class Sink(Protocol):
 
 
 Progress = Callable[[Result], None]
+Step = Callable[[Chain, ChainState, Frame], tuple[ChainState, Result]]
 
 
 @dataclass
@@ -91,6 +92,7 @@ def run(
     progress: Progress | None = None,
     extra_damage: Sequence[Damage] = (),
     keep_partial: bool = False,
+    step: Step = process,
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
 
@@ -113,7 +115,7 @@ def run(
                 for sink in sinks[len(opened) :]:
                     opened.append(sink)
                     sink.open(manifest)
-                state, result = process(chain, state, frame)
+                state, result = step(chain, state, frame)
                 at = time.process_time()
                 for sink in sinks:
                     sink.write(result)
@@ -226,6 +228,7 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "run_id": manifest.run_id,
         "tracker": manifest.tracker,
         "preset": manifest.preset,
+        "offline": bool(manifest.smoothed_from),
         "metrics": means(tally.sums),
         "objects": summary_objects(tally.sums),
         "counts": counts,
@@ -234,6 +237,8 @@ def summarise(tally: Tally, chain: Chain, manifest: RunManifest, total_s: float,
         "interrupted": interrupted,
         "score": {"c_m": chain.config.score.c_m, "p": chain.config.score.p, "hold_m": chain.config.score.hold_m},
     }
+    if manifest.smoothed_from:
+        summary["smoothed_from"] = manifest.smoothed_from
     if manifest.origin is not None:
         summary["origin"] = {"lat_deg": manifest.origin.lat_deg, "lon_deg": manifest.origin.lon_deg}
     return summary

@@ -15,7 +15,7 @@ from maritrack.io.reference import Reference
 from maritrack.io.truth import read_reference
 from maritrack.metrics.scores import ScoreSums, add, hold, means, score_frame, summary_objects
 from maritrack.recording import open_recording
-from maritrack.replay import archived_config, prepare
+from maritrack.replay import archived_config, archived_job
 from maritrack.run import with_truth
 from maritrack.settings import Config, ScoreConfig
 from maritrack.types import Damage, Frame, Truth
@@ -109,7 +109,7 @@ def _reference(archive: Archive, truth: Path | None, config: Config) -> Referenc
         return None
     if "truth" in archive.side:
         return read_reference(archive.side["truth"], name="truth", origin=origin, date=date)
-    job = prepare(archive.path).job  # the recording itself may tell the truth
+    job = archived_job(archive).job  # the recording itself may tell the truth
     reference = open_recording(job.octets, job.kinds, job.side, config).reference
     if reference is None:
         raise UsageError(f"{archive.path}: the run has no truth", hint="pass it with --truth")

@@ -154,7 +154,7 @@ def run_document(manifest: RunManifest, *, vector: str, summary: Mapping[str, An
         origin = f"{manifest.origin.lat_deg:.6f}°, {manifest.origin.lon_deg:.6f}° (WGS84)"
     parts = [
         f"# {title}: {manifest.tracker}\n\nPreset `{manifest.preset}`, input {', '.join(manifest.input_kind) or '-'}, "
-        f"run `{manifest.run_id}`.{state}",
+        f"run `{manifest.run_id}`, {_kind(manifest)}.{state}",
         "## How to read the picture\n\nNorth is up. Rings are distances from the sensor, written on them "
         "(1 NM = 1852 m). The teal picture is the radar video of the latest turn: darkest where no spoke came by.\n\n"
         f"{legend}\n\n"
@@ -172,6 +172,12 @@ def run_document(manifest: RunManifest, *, vector: str, summary: Mapping[str, An
     fence = "\n".join("    " + line for line in manifest.config_toml.splitlines())
     parts.append(f"## Configuration\n\n{fence}" if fence else "")
     return "\n\n".join(p for p in parts if p)
+
+
+def _kind(manifest: RunManifest) -> str:
+    if not manifest.smoothed_from:
+        return "causal tracks"
+    return f"**offline** tracks: those of run `{manifest.smoothed_from}` in hindsight"
 
 
 def _table(title: str, values: Any) -> str:
