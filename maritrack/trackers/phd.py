@@ -61,7 +61,7 @@ class Phd:
         )  # w P_D P_G Lambda
         log_w, unexplained = detected_weights(log_wl, sight.pairs.j, len(clusters))
         log_w0 = missed_weights(sight, config.model.p_gate)
-        mixture, parent = hypotheses(sight, clusters, log_w, log_w0, config)
+        mixture, parent = hypotheses(sight, clusters, log_w, log_w0, scan.sensor.id, config)
         eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
         mixture, kept = reduce_mixture(mixture, (scan.t_ns + scan.t_start_ns) // 2, eps_m, config)
         moved_s = tracklist.seconds(sight.tracks.t_ns - state.t_ns)[parent[kept]]
@@ -112,7 +112,7 @@ def missed_weights(sight: Sight, p_gate: float) -> FloatArray:
 
 
 def hypotheses(
-    sight: Sight, clusters: Clusters, log_w: FloatArray, log_w0: FloatArray, config: Config
+    sight: Sight, clusters: Clusters, log_w: FloatArray, log_w0: FloatArray, sensor: str, config: Config
 ) -> tuple[TrackList, IntArray]:
     """The mixture after the update, components below `phd.prune_weight` left out, and each one's predecessor."""
     least = math.log(config.phd.prune_weight)
@@ -121,17 +121,13 @@ def hypotheses(
     n, parents = len(pairs.i), tracklist.select(sight.tracks, pairs.i)
     own = replace(pairs, i=np.arange(n))
     hit = replace(
-        parents,
+        tracklist.count(parents, np.ones(n, bool), sensor),
         density=giw.update(parents.density, clusters, own, np.ones(n), np.zeros(n), config.model),
         existence=np.exp(log_w[heavy]),
-        hits=parents.hits + 1,
-        misses=np.zeros(n, np.int64),
         cluster=pairs.j,
     )
-    missed = tracklist.select(sight.tracks, stays)
-    missed = replace(
-        missed, existence=np.exp(log_w0[stays]), misses=missed.misses + 1, cluster=np.full(len(stays), -1, np.int64)
-    )
+    missed = tracklist.count(tracklist.select(sight.tracks, stays), np.zeros(len(stays), bool), sensor)
+    missed = replace(missed, existence=np.exp(log_w0[stays]), cluster=np.full(len(stays), -1, np.int64))
     return _join(hit, missed), np.concatenate([pairs.i, stays])
 
 
@@ -142,7 +138,7 @@ def _join(a: TrackList, b: TrackList) -> TrackList:
         t_ns=join([a.t_ns, b.t_ns]), existence=join([a.existence, b.existence]), id=join([a.id, b.id]),
         hits=join([a.hits, b.hits]), misses=join([a.misses, b.misses]), confirmed=join([a.confirmed, b.confirmed]),
         lag_m=join([a.lag_m, b.lag_m]), moving=join([a.moving, b.moving]), settled=join([a.settled, b.settled]),
-        cluster=join([a.cluster, b.cluster]),
+        cluster=join([a.cluster, b.cluster]), told=join([a.told, b.told]),
     )  # fmt: skip
 
 

@@ -155,14 +155,8 @@ def carry_on(
 ) -> tuple[TrackList, Info]:
     """The list after the decisions: judge motion, learn the clutter, end tracks and start new ones."""
     hit, sensor, unexplained = outcome.hit, scan.sensor.id, outcome.unexplained
-    tracks = replace(
-        sight.tracks,
-        density=outcome.density,
-        existence=outcome.existence,
-        hits=sight.tracks.hits + hit,
-        misses=np.where(hit, 0, sight.tracks.misses + 1),  # out of sight as well: what nobody sees coasts and ends
-        cluster=outcome.cluster,
-    )
+    tracks = tracklist.count(sight.tracks, hit, sensor)  # out of sight is a miss: what nobody sees coasts and ends
+    tracks = replace(tracks, density=outcome.density, existence=outcome.existence, cluster=outcome.cluster)
     tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
     clutter = learn_clutter(tracks.clutter.get(sensor), clusters, unexplained, scan, config)
     if clutter is not None:

@@ -26,6 +26,8 @@ from maritrack.types import (
     Tracks,
 )
 
+NOTHING, MISS, HIT = range(3)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackList:
@@ -35,15 +37,17 @@ class TrackList:
     t_ns: IntArray  # (t,) the time of the density
     existence: FloatArray  # (t,)
     id: IntArray  # (t,)
-    hits: IntArray  # (t,) scans with an association weight above one half
-    misses: IntArray  # (t,) scans in a row without
+    hits: IntArray  # (t,) steps (`count`) with an association weight above one half
+    misses: IntArray  # (t,) steps in a row without
     confirmed: BoolArray  # (t,)
     lag_m: FloatArray  # (t, 2) position that follows with the time constant of the judgement of motion
     moving: BoolArray  # (t,) judged to be under way
     settled: FloatArray  # (t,) 0..1, how much of the time constant has passed
     cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
+    told: IntArray  # (t,) of this step so far: NOTHING, MISS or HIT
     next_id: int = 1
     clutter: Mapping[str, Clutter] = field(default_factory=dict)  # by sensor
+    heard: tuple[str, ...] = ()  # sensors of this step so far
 
     def __len__(self) -> int:
         return len(self.id)
@@ -60,6 +64,7 @@ def empty() -> TrackList:
     return TrackList(
         Giw(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros((0, 2, 2)), np.zeros(0)),
         none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), none,
+        none,
     )  # fmt: skip
 
 
@@ -70,8 +75,26 @@ def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
         tracks, density=Giw(d.x[index], d.P[index], d.X[index], d.alpha[index]), t_ns=tracks.t_ns[index],
         existence=tracks.existence[index], id=tracks.id[index], hits=tracks.hits[index], misses=tracks.misses[index],
         confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], moving=tracks.moving[index],
-        settled=tracks.settled[index], cluster=tracks.cluster[index],
+        settled=tracks.settled[index], cluster=tracks.cluster[index], told=tracks.told[index],
     )  # fmt: skip
+
+
+def count(tracks: TrackList, hit: BoolArray, sensor: str) -> TrackList:
+    """The list with one more scan of a sensor, in which `hit` (t,) were seen: hits and misses count once a step.
+
+    A step is a run of scans in which no sensor comes twice: with one sensor a scan, with several a turn of all of
+    them, whatever their order and periods. A track that any sensor sees has a hit in that step.
+    """
+    again = sensor in tracks.heard
+    before = np.zeros_like(tracks.told) if again else tracks.told
+    first_hit, first_miss = hit & (before < HIT), ~hit & (before == NOTHING)
+    return replace(
+        tracks,
+        heard=(sensor,) if again else (*tracks.heard, sensor),
+        told=np.where(hit, HIT, np.maximum(before, MISS)),
+        hits=tracks.hits + first_hit,
+        misses=np.where(hit, 0, tracks.misses + first_miss),
+    )
 
 
 def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
@@ -141,6 +164,7 @@ def start(
         moving=join([tracks.moving, np.zeros(n, bool)]),
         settled=join([tracks.settled, np.zeros(n)]),
         cluster=join([tracks.cluster, free]),
+        told=join([tracks.told, np.full(n, HIT)]),
         next_id=tracks.next_id + n,
     )
 

@@ -23,7 +23,8 @@ def tracks(n: int, **changes: object) -> TrackList:
     d = Giw(np.zeros((n, 4)), np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(2), (n, 1, 1)), np.full(n, 4.0))
     base = TrackList(
         d, np.zeros(n, np.int64), np.full(n, 0.9), np.arange(1, n + 1), np.full(n, 9), np.zeros(n, np.int64),
-        np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.full(n, -1), n + 1,
+        np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.full(n, -1),
+        np.zeros(n, np.int64), n + 1,
     )  # fmt: skip
     return replace(base, **changes)  # type: ignore[arg-type]
 
@@ -171,3 +172,21 @@ def test_each_sensor_learns_its_own_clutter() -> None:
         )
         state, _ = process(chain, state, Frame(k, scan))
     assert {n: c.ring_m for n, c in state.tracker.clutter.items()} == {"a": 1250.0, "b": 500.0}
+
+
+def test_hits_and_misses_count_once_a_step_whichever_sensors_see_it() -> None:
+    state = tracks(2, hits=np.zeros(2, np.int64))
+    told = [("a", 1, 0), ("b", 0, 0), ("c", 1, 0), ("a", 0, 0), ("b", 0, 1), ("a", 0, 0)]
+    counts = []
+    for sensor, *hit in told:
+        state = tracklist.count(state, np.array(hit, bool), sensor)
+        counts.append((*state.hits.tolist(), *state.misses.tolist()))
+    assert counts == [(1, 0, 0, 1), (1, 0, 0, 1), (1, 0, 0, 1), (1, 0, 1, 2), (1, 1, 1, 0), (1, 1, 2, 1)]
+
+
+def test_with_one_sensor_each_scan_is_a_step() -> None:
+    rng, state, hits, misses = np.random.default_rng(0), tracks(5, hits=np.zeros(5, np.int64)), 0, np.zeros(5, int)
+    for _ in range(20):
+        hit = rng.random(5) < 0.6
+        state, hits, misses = tracklist.count(state, hit, "a"), hits + hit, np.where(hit, 0, misses + 1)
+    assert state.hits.tolist() == hits.tolist() and state.misses.tolist() == misses.tolist()
