@@ -280,6 +280,30 @@ class SmoothConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PakfConfig:
+    """Orientation and semi-axes of `pakf-jpda`, and its M-of-N rule; the abs paper gives none of these numbers."""
+
+    sigma_angle_deg: float = 2.0  # random walk of the orientation in a second
+    sigma_axis_m: float = 0.3  # random walk of each semi-axis in a second
+    angle_floor_deg: float = 3.0  # least noise of a measured orientation
+    round_ratio: float = 0.8  # eigenvalues that are nearer than this have no orientation
+    course_sigma_deg: float = 0.0  # the hull points along its course within this; 0 = may point anywhere
+    course_min_mps: float = 1.0  # ... above this speed
+    confirm_hits: int = 3  # M hits ...
+    confirm_scans: int = 5  # ... within N steps confirm a track
+    tentative_misses: int = 5  # steps in a row that end a track that is not confirmed
+    confirmed_misses: int = 15  # ... and one that is
+
+    def __post_init__(self) -> None:
+        for name in ("sigma_angle_deg", "sigma_axis_m", "course_sigma_deg", "course_min_mps"):
+            _require(getattr(self, name) >= 0.0, f"pakf.{name} must not be negative")
+        _positive("pakf.angle_floor_deg", self.angle_floor_deg)
+        _require(0.0 < self.round_ratio < 1.0, f"pakf.round_ratio = {self.round_ratio} is not between 0 and 1")
+        _require(1 <= self.confirm_hits <= self.confirm_scans <= 60, "pakf: 1 <= confirm_hits <= confirm_scans <= 60")
+        _require(1 <= self.tentative_misses <= self.confirmed_misses, "pakf: 1 <= tentative_misses <= confirmed_misses")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ScoreConfig:
     """Metrics, and what counts as truth."""
 
@@ -325,5 +349,6 @@ class Config:
     sprt: SprtConfig = field(default_factory=SprtConfig)
     phd: PhdConfig = field(default_factory=PhdConfig)
     smooth: SmoothConfig = field(default_factory=SmoothConfig)
+    pakf: PakfConfig = field(default_factory=PakfConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

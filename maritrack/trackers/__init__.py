@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from maritrack.settings import Config
 from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
+from maritrack.trackers.pakf import Pakf
 from maritrack.trackers.phd import Phd
 from maritrack.trackers.sprt import Sprt
 from maritrack.types import Clusters, Points, Scan, Tracks
@@ -28,4 +29,5 @@ TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "ipda": Ipda,
     "jipda": Jipda,
     "cb-giw-phd": Phd,
+    "pakf-jpda": Pakf,
 }
