@@ -12,7 +12,7 @@ from maritrack.errors import InputError
 from maritrack.geo import geodetic_to_en, polar_to_en
 from maritrack.io.csvtable import Table, find, numbers, read_table, times_s
 from maritrack.io.jsontext import clean
-from maritrack.io.reference import JUMP_MPS, Reference, Reports, build_reference
+from maritrack.io.reference import JUMP_MPS, REST_MPS, Reference, Reports, build_reference
 from maritrack.io.times import day_start_ns, join_midnight, seconds_to_ns
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, take
 
@@ -24,6 +24,10 @@ HEADING = ("heading_deg", "heading", "true_heading", "trueheading", "hdg")
 COURSE = ("cog_degrees", "cog_deg", "cog", "course", "course_over_ground")
 SPEED = ("sog_knots", "sog_kn", "sog", "speed_over_ground")
 SIZE = {"length_m": ("length_m", "length"), "width_m": ("width_m", "width", "beam", "beam_m")}
+TO_SIDES = {  # distances of the antenna from the hull's sides, in the order of the message: A, B, C, D
+    "bow": ("to_bow_m", "to_bow", "dim_a", "a"), "stern": ("to_stern_m", "to_stern", "dim_b", "b"),
+    "port": ("to_port_m", "to_port", "dim_c", "c"), "starboard": ("to_starboard_m", "to_starboard", "dim_d", "d"),
+}  # fmt: skip
 KNOT_MPS = 1852.0 / 3600.0
 EARTH_M = 6_371_000.0
 
@@ -56,7 +60,8 @@ def read_ais(
     first report of own ship, else the first of all. `date` (ISO) is for times of day; a table of those
     that runs past midnight is put together again (up to 12 h). Left out and counted in
     `reference.damage`, one entry a kind: reports without id or time, off the globe, a second one at
-    the same time, and single ones that no ship can have sailed to and from (`JUMP_MPS`).
+    the same time, and single ones that no ship can have sailed to and from (`JUMP_MPS`). Where a ship tells how
+    far its antenna is from its sides, positions are those of the middle of its hull; own ship's stay the antenna's.
     """
     table = read_table(data, name=name)
     rows, damage = _clean_rows(table, date=date)
@@ -71,8 +76,10 @@ def read_ais(
     own = OwnShip(
         rows.t_ns[mine], rows.lat_deg[mine], rows.lon_deg[mine], position_m[mine], heading_rad[mine]
     )  # fmt: skip
-    others = Reports(rows.ship, rows.t_ns, position_m, _velocity_mps(table)[rows.row], heading_rad)
-    reference = _reference(table, rows, take(others, ~mine), own_id=own_id, damage=damage)
+    velocity_mps, sides_m = _velocity_mps(table)[rows.row], _sides_m(table, rows)
+    middle_m = position_m + _to_middle(sides_m[rows.ship], heading_rad, velocity_mps)
+    others = Reports(rows.ship, rows.t_ns, middle_m, velocity_mps, heading_rad)
+    reference = _reference(table, rows, take(others, ~mine), own_id=own_id, sides_m=sides_m, damage=damage)
     return AisDocument(reference, own if own_id >= 0 else None, origin)
 
 
@@ -192,11 +199,45 @@ def _velocity_mps(table: Table) -> FloatArray:
     return polar_to_en(speed_mps, course)
 
 
-def _reference(table: Table, rows: _Rows, reports: Reports, *, own_id: int, damage: tuple[Damage, ...]) -> Reference:
+def _sides_m(table: Table, rows: _Rows) -> FloatArray:
+    """Distances (n, 4) of each ship's antenna to bow, stern, port and starboard; nan where not all are told."""
+    told = [_last_numbers(rows, numbers(table, find(table, names))) for names in TO_SIDES.values()]
+    sides_m = np.stack(told, axis=1)
+    whole = (sides_m >= 0).all(axis=1) & (sides_m[:, :2].sum(axis=1) > 0) & (sides_m[:, 2:].sum(axis=1) > 0)
+    return np.where(whole[:, None], sides_m, np.nan)
+
+
+def _to_middle(sides_m: FloatArray, heading_rad: FloatArray, velocity_mps: FloatArray) -> FloatArray:
+    """From the antenna to the middle of the hull (m, 2) east-north, for reports with the sides (m, 4) of their ship.
+
+    Under way the course stands for a heading that is not reported; 0 where nothing tells it.
+    """
+    course_rad = np.arctan2(velocity_mps[:, 0], velocity_mps[:, 1])
+    under_way = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) > REST_MPS
+    heading_rad = np.where(np.isnan(heading_rad) & under_way, course_rad, heading_rad)
+    ahead_m, starboard_m = (sides_m[:, 0] - sides_m[:, 1]) / 2, (sides_m[:, 3] - sides_m[:, 2]) / 2
+    step_m = polar_to_en(ahead_m, heading_rad) + polar_to_en(starboard_m, heading_rad + np.pi / 2)
+    unplaced = (sides_m[:, :1] == 0) & (sides_m[:, 2:3] == 0)  # A = C = 0: the size is told, the antenna's place is not
+    return np.asarray(np.where(np.isnan(step_m) | unplaced, 0.0, step_m))
+
+
+def _last_numbers(rows: _Rows, value: FloatArray) -> FloatArray:
+    """The last number that each ship reports (n,), nan where none does."""
+    told = np.isfinite(value[rows.row])
+    result = np.full(len(rows.ids), np.nan)
+    result[rows.ship[told]] = value[rows.row][told]  # rows are in order of time: the last one written stays
+    return result
+
+
+def _reference(
+    table: Table, rows: _Rows, reports: Reports, *, own_id: int, sides_m: FloatArray, damage: tuple[Damage, ...]
+) -> Reference:
     """The ships but own ship."""
     others = [i for i in range(len(rows.ids)) if i != own_id]
     renumber = np.searchsorted(others, np.arange(len(rows.ids)))
     size = {key: _per_ship(rows, numbers(table, find(table, names))) for key, names in SIZE.items()}
+    for key, a in (("length_m", 0), ("width_m", 2)):
+        size[key] = np.where(np.isnan(size[key]), sides_m[:, a] + sides_m[:, a + 1], size[key])
     names = _names(table, rows)
     return build_reference(
         replace(reports, ship=renumber[reports.ship]),

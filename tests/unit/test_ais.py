@@ -219,3 +219,38 @@ def test_the_corrupted_row_and_the_double_times_of_a_real_recording_are_found():
     assert len(document.reference) == 91
     assert codes(document) == {"duplicate-time": 3, "position-jump": 1}
     assert np.abs(document.reference.position_m).max() < 100_000.0
+
+
+SIDES = ("to_bow", "to_stern", "to_port", "to_starboard")
+
+
+def middle(heading: str, course: str, speed: str, sides: tuple[str, ...]) -> np.ndarray:
+    row = ("2016-01-12 13:00:00", "1", "50.7", "-1.1", course, speed, heading, "X", *sides)
+    return read_ais(table([row], (*COLUMNS, *SIDES)), name="x", origin=HERE).reference.position_m[0]
+
+
+@pytest.mark.parametrize(
+    ("heading", "course", "speed", "sides", "place"),
+    [
+        ("0", "0", "9", ("30", "70", "8", "12"), (2.0, -20.0)),  # the antenna is ahead of the middle, and to port
+        ("90", "0", "9", ("30", "70", "8", "12"), (-20.0, -2.0)),
+        ("511", "180", "9", ("70", "30", "12", "8"), (2.0, -20.0)),  # by the course
+        ("511", "180", "0.1", ("70", "30", "12", "8"), (0.0, 0.0)),  # at rest nothing tells where it points
+        ("0", "0", "9", ("30", "", "8", "12"), (0.0, 0.0)),
+        ("0", "0", "9", ("0", "100", "0", "20"), (0.0, 0.0)),  # only the size is told
+    ],
+)
+def test_positions_are_moved_from_the_antenna_to_the_middle_of_the_hull(heading, course, speed, sides, place):
+    np.testing.assert_allclose(middle(heading, course, speed, sides), place, atol=1e-6)
+
+
+def test_distances_from_the_antenna_tell_the_size_where_no_column_does():
+    row = (*ROWS[0], "30", "70", "8", "12")
+    reference = read_ais(table([row], (*COLUMNS, *SIDES)), name="x", origin=HERE).reference
+    assert (reference.length_m[0], reference.width_m[0]) == (100.0, 20.0)
+
+
+def test_own_ship_stays_where_its_antenna_is():
+    row = ("2016-01-12 13:00:00", "1", "50.7", "-1.1", "0", "9", "0", "X", "30", "70", "8", "12")
+    document = read_ais(table([row], (*COLUMNS, *SIDES)), name="x", origin=HERE, own_ship="1")
+    np.testing.assert_allclose(document.own.position_m, [[0.0, 0.0]], atol=1e-6)
