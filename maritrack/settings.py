@@ -315,10 +315,12 @@ class ScoreConfig:
     max_gap_rest_s: float = 360.0  # ... and this at rest
     truth_max_m: float = 0.0  # truth counts up to this range; 0 = that of the radar
     truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
+    box_margin_m: float = 0.0  # boxes of vessels are wider by this all around, for fpr and npv
 
     def __post_init__(self) -> None:
         _require(0 < self.c_m < math.inf, f"score.c_m = {self.c_m} must be greater than 0, and finite")
         _require(1 <= self.p <= 20, "score.p is within 1..20")
+        _require(0 <= self.box_margin_m < math.inf, "score.box_margin_m must not be negative, and finite")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,80 @@
+"""How well background subtraction tells background from vessels, point by point (abs, Table IV).
+
+Positive is background: a point that was taken away. True is what lies outside of the boxes of the vessels that are
+known: a rectangle of the hull's length and width, turned to its heading.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from maritrack.types import BoolArray, FloatArray, Points, Truth
+
+COURSE_MPS = 0.5  # above this the course stands for a heading that is not known
+
+
+@dataclass(frozen=True, slots=True)
+class Confusion:
+    """Points of one scan by what they were taken for and what they are."""
+
+    tp: int  # taken away, outside of all boxes
+    fp: int  # taken away, in a box: part of a vessel is lost
+    fn: int  # left, outside of all boxes: background, or clutter, is tracked
+    tn: int  # left, in a box
+
+    @property
+    def fpr(self) -> float:
+        """FP / (FP + TN): share of the points of vessels that are lost; nan without any."""
+        return self.fp / (self.fp + self.tn) if self.fp + self.tn else math.nan
+
+    @property
+    def npv(self) -> float:
+        """TN / (TN + FN): share of the points left that are of vessels; nan where none is left."""
+        return self.tn / (self.tn + self.fn) if self.tn + self.fn else math.nan
+
+
+def confusion(points: Points, keep: BoolArray, truth: Truth, *, margin_m: float = 0.0) -> Confusion:
+    """Points (n,) of which `keep` were left, against the boxes of truth, which are wider by `margin_m` all around."""
+    vessel = in_boxes(points, truth, margin_m=margin_m)
+    tp, fp, fn, tn = (int(np.count_nonzero(a & b)) for a in (~keep, keep) for b in (~vessel, vessel))
+    return Confusion(tp, fp, fn, tn)
+
+
+def in_boxes(points: Points, truth: Truth, *, margin_m: float = 0.0) -> BoolArray:
+    """Whether each point (n,) lies in the box of a vessel at the time when the beam saw it.
+
+    A vessel whose size or heading is unknown has no box; under way its course stands for the heading.
+    """
+    inside = np.zeros(len(points), bool)
+    speed_mps = np.hypot(truth.velocity_mps[:, 0], truth.velocity_mps[:, 1])
+    course_rad = np.arctan2(truth.velocity_mps[:, 0], truth.velocity_mps[:, 1])
+    heading_rad = np.where(np.isnan(truth.heading_rad) & (speed_mps > COURSE_MPS), course_rad, truth.heading_rad)
+    since_s = (points.t_ns - truth.t_ns) * 1e-9
+    velocity_mps = np.nan_to_num(truth.velocity_mps)
+    known = np.isfinite(heading_rad) & np.isfinite(truth.length_m) & np.isfinite(truth.width_m)
+    for i in np.flatnonzero(known).tolist():
+        ahead_m, abeam_m = _aboard(
+            points.position_m - truth.position_m[i] - since_s[:, None] * velocity_mps[i], float(heading_rad[i])
+        )
+        along, across = truth.length_m[i] / 2 + margin_m, truth.width_m[i] / 2 + margin_m
+        inside |= (np.abs(ahead_m) <= along) & (np.abs(abeam_m) <= across)
+    return inside
+
+
+def _aboard(offset_m: FloatArray, heading_rad: float) -> tuple[FloatArray, FloatArray]:
+    """Offsets (n, 2) east-north as metres ahead and to starboard."""
+    s, c = math.sin(heading_rad), math.cos(heading_rad)
+    return offset_m[:, 0] * s + offset_m[:, 1] * c, offset_m[:, 0] * c - offset_m[:, 1] * s
+
+
+def background_scores(
+    points: Points, keep: BoolArray, truth: Truth | None, *, margin_m: float = 0.0
+) -> dict[str, float]:
+    """`fpr` and `npv` of one scan, nan where there is no truth."""
+    if truth is None:
+        return {"fpr": math.nan, "npv": math.nan}
+    table = confusion(points, keep, truth, margin_m=margin_m)
+    return {"fpr": table.fpr, "npv": table.npv}
