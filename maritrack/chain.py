@@ -14,6 +14,7 @@ from maritrack.detect.background import Background, learn, mask_of, no_backgroun
 from maritrack.detect.cells import detect_cells, empty_points
 from maritrack.errors import ConfigError
 from maritrack.geo import in_mask
+from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, Tracker
@@ -71,6 +72,8 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
         frame.truth, tracks, c_m=config.score.c_m, p=config.score.p, which=reported(tracks, config),
         unexplained=chain.unexplained,
     )  # fmt: skip
+    if mask is not None:
+        scores |= background_scores(points, keep, frame.truth, margin_m=config.score.box_margin_m)
     clock.lap("score")
     alive = tuple(tracks.id[tracks.status >= CONFIRMED].tolist())
     events = background_events(state.background, background, scan, config)

@@ -13,6 +13,7 @@ from maritrack.errors import InputError, UsageError
 from maritrack.io.archive import Archive, ArchivedScan, iter_results, read_archive
 from maritrack.io.reference import Reference
 from maritrack.io.truth import read_reference
+from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import ScoreSums, add, hold, means, score_frame, summary_objects
 from maritrack.recording import open_recording
 from maritrack.replay import archived_config, archived_job
@@ -133,4 +134,6 @@ def _add(sums: ScoreSums, scan: ArchivedScan, truth: Truth | None, chain: Chain)
     scores = score_frame(
         truth, tracks, c_m=settings.c_m, p=settings.p, which=which, unexplained=chain.unexplained
     )  # fmt: skip
+    if scan.points is not None and scan.keep is not None and chain.config.subtract.method != "none":
+        scores |= background_scores(scan.points, scan.keep, truth, margin_m=settings.box_margin_m)
     return hold(add(sums, scores), truth, tracks, which=which, hold_m=settings.hold_m)

@@ -80,3 +80,12 @@ def test_objects_are_listed_where_asked_for(finished_run: Path) -> None:
 def test_wrong_use_is_told_in_one_line(finished_run: Path, arguments: tuple[str, ...], told: str) -> None:
     done = call("score", finished_run, *arguments)
     assert done.code == 2 and told in done.error
+
+
+def test_points_taken_away_are_counted_again_as_in_the_run(sample: Path, tmp_path: Path) -> None:
+    sets = ("--set", "subtract.method=abs", "--set", "subtract.threshold=0", "--set", "subtract.start=empty")
+    done = call("process", sample, *sets, "--limit", "12", "--no-rrd", "-o", tmp_path, "--json", "-q").json
+    assert 0.0 < done["metrics"]["npv"] < 1.0 and 0.0 <= done["metrics"]["fpr"] < 1.0
+    assert call("score", tmp_path, "--json").json["metrics"] == done["metrics"]
+    wide = call("score", tmp_path, "--set", "score.box_margin_m=30", "--json").json["metrics"]
+    assert wide["npv"] > done["metrics"]["npv"]
