@@ -50,6 +50,7 @@ from maritrack.io.containers.skim import Skim
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
 from maritrack.io.source import Octets
 from maritrack.io.turns.spokes import SILENCE, TICK_NS, TURN, DayCount
+from maritrack.io.turns.stream import FREE_SCANS
 from maritrack.io.turns.turnclock import middle
 from maritrack.io.turns.turncount import Grid, TurnCount
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, take
@@ -156,16 +157,18 @@ class _Found:
         if self.midnight_ns is None:
             self.midnight_ns = _first_midnight_ns(radials)
         for rows in _rows_by_sensor(radials):
-            one, packed = (radials, batch.packed) if rows is None else (take(radials, rows), batch.packed[rows])
-            key = (int(one.stream[0]), int(one.sac[0]), int(one.sic[0]))
+            row = 0 if rows is None else int(rows[0])
+            key = (int(radials.stream[row]), int(radials.sac[row]), int(radials.sic[row]))
             if key not in self.sensors and len(self.sensors) >= MOST_SENSORS:
-                name, at = f"{key[1]}-{key[2]}", int(one.offset[0])
+                name, n = f"{key[1]}-{key[2]}", len(radials) if rows is None else len(rows)
                 message = f"more than {MOST_SENSORS} sensors: {name} is left out"
-                self._add_damage(Damage("too-many-sensors", at, message, name, len(one)))
+                self._add_damage(Damage("too-many-sensors", int(radials.offset[row]), message, name, n))
                 continue
+            one, packed = (radials, batch.packed) if rows is None else (take(radials, rows), batch.packed[rows])
             if key not in self.sensors:
                 self.days.append(DayCount(others=self.days[:]))
-                self.sensors[key] = _Sensor(*key, TurnCount(self.days[-1]))
+                turns = TurnCount(self.days[-1], free_scans=FREE_SCANS // len(self.days))
+                self.sensors[key] = _Sensor(*key, turns)
             self.sensors[key].add(one, packed)
 
     def _add_damage(self, damage: Damage) -> None:

@@ -101,7 +101,7 @@ def rows(batches: Sequence[Batch]) -> list[tuple[Any, ...]]:
         columns = [getattr(of, name).tolist() for name in COLUMNS]
         for i, values in enumerate(zip(*columns, strict=True)):
             n = int(of.n_cells[i])
-            found.append((*values, of.bits, of.cells.dtype.str, of.cells[i, :n].tolist()))
+            found.append((*values, int(of.bits[i]), of.cells[i, :n].tolist()))
             assert not of.cells[i, n:].any()
     return found
 

@@ -35,7 +35,9 @@ def _wide(size: int, wide: int, *, cells: int, res: int, each: int, step: int = 
     """A few wide radials of zeros, then many of one cell."""
     octets = cells << res - 1 >> 3
     units = [
-        packed_video(i, bytes(octets), nbcells=cells, items={"048": bytes((128, res))}, azimuth=_azimuth(i, step), tod=500)
+        packed_video(
+            i, bytes(octets), nbcells=cells, items={"048": bytes((128, res))}, azimuth=_azimuth(i, step), tod=500
+        )
         if i % each < wide
         else video(i, cells=bytes(4), res=res, nbcells=32 >> res - 1, azimuth=_azimuth(i, step), tod=500)
         for i in range(each * 64)
@@ -95,7 +97,8 @@ TURNS: dict[str, Callable[[int], bytes]] = {
         n, UNIT, (IDX, ">u4", lambda i: i), (START_RG, ">u4", lambda i: 4 * i)
     ),
     "radials of two parts": lambda n: counted(
-        n, UNIT, (IDX, ">u4", lambda i: i), (START_RG, ">u4", lambda i: i % 2 * 4), (START, ">u2", lambda i: i // 2 * 32),
+        n, UNIT, (IDX, ">u4", lambda i: i), (START_RG, ">u4", lambda i: i % 2 * 4),
+        (START, ">u2", lambda i: i // 2 * 32),
     ),
     "radials of many parts, another number each": lambda n: counted(
         n, UNIT, (IDX, ">u4", lambda i: i), (START, ">u2", lambda i: np.sqrt(i).astype(np.int64) * 32),

@@ -52,7 +52,7 @@ def radials(
         "t_ns": np.full(n, NO_TIME),
         "stream": np.zeros(n, np.int64),
         "n_cells": np.full(n, n_cells),
-        "bits": 16,
+        "bits": np.full(n, 16),
         "cells": cells,
     }
     return Radials(**{**values, **columns})

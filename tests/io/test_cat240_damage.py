@@ -6,6 +6,7 @@ import struct
 import zlib
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -289,17 +290,23 @@ def test_midnight_is_no_step_back() -> None:
 # ---- batches
 
 
-def test_a_batch_has_one_width_of_cells() -> None:
+def test_a_batch_has_cells_of_the_widest_type_in_it() -> None:
     octets = b"".join(block(video(i, res=4 + (i // 3) % 3, nbcells=16 >> (i // 3) % 3)) for i in range(30))
     batches = read(octets)
-    assert [of.bits for of in radials(batches)] == [8, 16, 32, 8, 16, 32, 8, 16, 32, 8]
+    (of,) = radials(batches)
+    assert of.bits.tolist() == [8 << i // 3 % 3 for i in range(30)]
+    assert (
+        of.cells.dtype == np.uint32
+        and (of.cells[3, :9] == [0x0001, 0x0203, 0x0405, 0x0607, 0x0809, 0x0A0B, 0x0C0D, 0x0E0F, 0]).all()
+    )
     assert b"".join(batch.octets for batch in batches) == octets
 
 
-def test_records_of_one_block_may_be_in_two_batches() -> None:
-    octets = block(video(1), video(2, res=5, nbcells=8), video(3)) + SENTINEL
+def test_records_of_one_block_may_be_in_two_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("maritrack.io.cat240.reader.MAX_RADIALS", 1)
+    octets = block(video(1), video(2, res=5, nbcells=8)) + SENTINEL
     batches = read(octets)
-    assert [(of.bits, of.idx.tolist()) for of in radials(batches)] == [(8, [1]), (16, [2]), (8, [3, 999])]
+    assert [(of.bits.tolist(), of.idx.tolist()) for of in radials(batches)] == [([8], [1]), ([16], [2]), ([8], [999])]
     assert [len(batch.octets) for batch in batches] == [len(octets) - len(SENTINEL), 0, len(SENTINEL)]
 
 

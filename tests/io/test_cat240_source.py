@@ -53,7 +53,7 @@ def encoded(of: Radials) -> list[bytes]:
     """The radials as data blocks."""
     names = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "tod")
     headers: list[dict[str, Any]] = [{name: int(getattr(of, name)[i]) for name in names} for i in range(len(of))]
-    return [encode_video(**header, cells=of.cells[i], bits=of.bits) for i, header in enumerate(headers)]
+    return [encode_video(**header, cells=of.cells[i], bits=int(of.bits[i])) for i, header in enumerate(headers)]
 
 
 def two_sensors() -> Radials:

@@ -53,7 +53,7 @@ def test_the_reader_delivers_the_radials_of_every_good_vector(fast: bool) -> Non
         got = [(of, i) for of in radials(batches) for i in range(len(of))]
         for (of, i), record in zip(got, records, strict=True):
             assert same_cells(of.cells[i, : of.n_cells[i]].tolist(), record), vector["name"]
-            assert (of.bits, of.cell_m[i], of.tod[i]) == (record["bits"], record["cell_m"], record.get("tod", -1))
+            assert (of.bits[i], of.cell_m[i], of.tod[i]) == (record["bits"], record["cell_m"], record.get("tod", -1))
 
 
 def test_the_fast_way_reads_every_good_vector_that_has_one_record_a_block() -> None:

@@ -65,13 +65,12 @@ SAME_WORDS = np.flatnonzero(SAME).tolist()
 BITS_OF_RES = np.array([0, 1, 2, 4, 8, 16, 32] + [0] * 249, dtype=np.int64)  # 0 = there is none
 
 
-def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
-    """Which of the blocks between `starts` (n + 1,) hold one video record of the usual make, and their rows (n,).
+def common_rows(w: Window, begin: IntArray, end: IntArray) -> tuple[BoolArray, Rows]:
+    """Which of the blocks [begin, end) (n,) hold one video record of the usual make, and their rows (n,).
 
     Usual: nothing to warn of before the cells, all items in place, 049 and the video block in agreement.
     Rows of other blocks are without meaning.
     """
-    begin, end = starts[:-1], starts[1:]
     n = len(begin)
     if n == 0 or len(w.data) < HEAD.itemsize:
         return np.zeros(n, dtype=np.bool_), np.empty(n, dtype=ROW)
@@ -85,7 +84,7 @@ def common_rows(w: Window, starts: IntArray) -> tuple[BoolArray, Rows]:
         rows[name] = head[name]
     rows["block"], rows["block_end"], rows["at"], rows["record"] = begin, end, begin + 3, -1
     rows["first"], rows["octets"] = begin + HEAD.itemsize, head["nbvb"]
-    tail_fits, rows["tod"] = _tails(w, head, made["fspec"][:, 1], starts)
+    tail_fits, rows["tod"] = _tails(w, head, made["fspec"][:, 1], begin, end)
     spans = (rows["end_az"] - rows["start_az"]) % 65_536
     usual = roomy & sound & (spans <= 32_768) & tail_fits & (rows["tod"] < TOD_PER_DAY)
     return usual & _agreeing(base, rows["octets"]), rows
@@ -109,12 +108,13 @@ def _bases(head: Rows) -> tuple[BoolArray, Rows]:
     return known & (head["kind"] == 2) & (rows["bits"] > 0) & (rows["cell_dur"] > 0), rows
 
 
-def _tails(w: Window, head: Rows, second: NDArray[np.uint8], starts: IntArray) -> tuple[BoolArray, IntArray]:
+def _tails(
+    w: Window, head: Rows, second: NDArray[np.uint8], begin: IntArray, end: IntArray
+) -> tuple[BoolArray, IntArray]:
     """Whether video block, time and vendor item fill the block to its end, and the times (-1 = none).
 
     `second` (k,) are the second octets of FSPEC, of all heads or of each.
     """
-    begin, end = starts[:-1], starts[1:]
     timed, has_vendor = second & TOD > 0, second & VENDOR > 0
     room = head["rep"] * REPETITION[second]
     at = begin + HEAD.itemsize + room
@@ -237,12 +237,12 @@ def keys_of(rows: Rows) -> IntArray:
 
 
 def start_cells(w: Window, rows: Rows, inflater: Inflater, *, trusting: bool) -> Callable[[], tuple[Cells, BoolArray]]:
-    """Set out for the cells of usual rows, all of one width in bits; call it to have them.
+    """Set out for the cells of usual rows; call it to have them.
 
     They are cells (n, most) and which rows failed, whose cells are without meaning. `trusting`: as long as all goes
     well, inflate without a bound but deflate's own.
     """
-    kinds = rows["n_cells"] << 1 | rows["compressed"]  # rows of one kind are read together
+    kinds = (rows["n_cells"] << 1 | rows["compressed"]) << 6 | rows["bits"]  # rows of one kind are read together
     if len(rows) and (kinds == kinds[0]).all():
         return _cells_of_kind(w, rows, inflater, trusting=trusting)
     order = np.argsort(kinds, kind="stable")
@@ -255,7 +255,7 @@ def _put_together(
     rows: Rows, started: list[tuple[IntArray, Callable[[], tuple[Cells, BoolArray]]]]
 ) -> tuple[Cells, BoolArray]:
     """The cells of rows of several kinds."""
-    width = cell_type(int(rows["bits"][0])) if len(rows) else np.dtype(np.uint8)
+    width = cell_type(int(rows["bits"].max(initial=0)))
     cells = np.zeros((len(rows), int(rows["n_cells"].max(initial=0))), dtype=width)
     failed = np.zeros(len(rows), dtype=np.bool_)
     for index, finish in started:
@@ -267,7 +267,7 @@ def _put_together(
 def _cells_of_kind(
     w: Window, rows: Rows, inflater: Inflater, *, trusting: bool
 ) -> Callable[[], tuple[Cells, BoolArray]]:
-    """Set out for the cells (m, n) of rows with as many cells each, all compressed or none."""
+    """Set out for the cells (m, n) of rows with as many cells of as many bits each, all compressed or none."""
     n, bits = int(rows["n_cells"][0]), int(rows["bits"][0])
     octets = n * bits + 7 >> 3
     if octets and rows["compressed"][0]:

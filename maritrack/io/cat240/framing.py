@@ -159,7 +159,7 @@ def candidates(w: Window, at: int) -> Iterator[int]:
     span = 512
     while at < w.limit:
         end = min(at + span, w.limit)
-        yield from _lookalikes(w, at, end).tolist()
+        yield from lookalikes(w, at, end).tolist()
         at, span = end, min(4 * span, 1 << 20)
 
 
@@ -176,7 +176,7 @@ def looks_like(w: Window, at: int) -> bool:
     return data[at] == CAT240 and fspec & 0xC0 == 0xC0 and data[at + HEADER + 3 + (fspec & 1)] in (1, 2)
 
 
-def _lookalikes(w: Window, first: int, end: int) -> IntArray:
+def lookalikes(w: Window, first: int, end: int) -> IntArray:
     """All places in [first, end) that `looks_like` says yes to."""
     u8 = w.u8
     at = first + np.flatnonzero(u8[first:end] == CAT240)

@@ -7,7 +7,6 @@ make each, or summaries. Where anything else begins the walk ends, and the gener
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -112,12 +111,11 @@ class HeaderWalk:
             return [], 0
         c["offset"] = c["offset"] + self.end
         keep, damage = _screen(self.memories, c)
-        parts = list(_radials(c if keep is None else _rows(c, keep)))
-        if not parts:
+        c = c if keep is None else _rows(c, keep)
+        if len(c["bits"]) == 0:
             return [Batch(self.end, b"", None, damage, used, texts)], used
-        first, packed = parts[0]
-        batches = [Batch(self.end, b"", first, damage, used, texts, packed)]
-        return [*batches, *(Batch(self.end + used, b"", r, span=0, packed=packed) for r, packed in parts[1:])], used
+        packed = c.pop("packed")
+        return [Batch(self.end, b"", _radials(c), damage, used, texts, packed)], used
 
 
 def _columns(octets: U8, size: int, blocks: Blocks) -> tuple[BoolArray, Columns]:
@@ -220,16 +218,8 @@ def _rows(c: Columns, index: IntArray | BoolArray) -> Columns:
     return {name: column[index] for name, column in c.items()}
 
 
-def _radials(c: Columns) -> Iterator[tuple[Radials, IntArray]]:
-    """The columns as radials, cut where the width in bits changes, and the octets of their cells."""
-    bits, packed = c.pop("bits"), c.pop("packed")
-    cuts = [0, *(np.flatnonzero(np.diff(bits)) + 1).tolist(), len(bits)]
-    for lo, hi in pairwise(cuts):
-        if hi == lo:
-            continue
-        part = {name: column[lo:hi] for name, column in c.items()}
-        radials = Radials(
-            **part, bits=int(bits[lo]), cells=np.zeros((hi - lo, 0), dtype=np.uint8),
-            cell_m=np.where(part["femto"], part["cell_dur"] * 1e-15, part["cell_dur"] * 1e-9) * (C_MPS / 2),
-        )  # fmt: skip
-        yield radials, packed[lo:hi]
+def _radials(c: Columns) -> Radials:
+    return Radials(
+        **c, cells=np.zeros((len(c["bits"]), 0), dtype=np.uint8),
+        cell_m=np.where(c["femto"], c["cell_dur"] * 1e-15, c["cell_dur"] * 1e-9) * (C_MPS / 2),
+    )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from maritrack.io.cat240.framing import HEADER, Window, candidates, is_boundary
 
 FEW_RECORDS = 4
+MANY = 1 << 62
 ITEMS = (  # FRN order: FSPEC bit (first octet high), name, octets; -n = an octet REP, then REP x n; 0 = LEN first
     (0x8000, "010", 2), (0x4000, "000", 1), (0x2000, "020", 4), (0x1000, "030", -1), (0x0800, "040", 12),
     (0x0400, "041", 12), (0x0200, "048", 2), (0x0080, "049", 5), (0x0040, "050", -4), (0x0020, "051", -64),
@@ -69,9 +70,19 @@ def is_block(w: Window, at: int) -> bool:
     return is_boundary(w, end) or _is_filled(w.data, at + HEADER, end)
 
 
-def next_block(w: Window, at: int) -> int:
-    """The first place from `at` on, before the window's limit, where a CAT240 block really starts; else the limit."""
-    return next((place for place in candidates(w, at) if is_block(w, place)), max(at, w.limit))
+def next_block(w: Window, at: int, most: int = MANY) -> tuple[int, int]:
+    """The first place from `at` on, before the window's limit, where a CAT240 block really starts, else the limit.
+
+    Also the places that were tried; after `most` of them the answer is the next that looks like one.
+    """
+    tried = 0
+    for place in candidates(w, at):
+        if tried >= most:
+            return place, tried
+        tried += 1
+        if is_block(w, place):
+            return place, tried
+    return max(at, w.limit), tried
 
 
 def _is_filled(data: bytes, at: int, end: int) -> bool:

@@ -13,9 +13,9 @@ from maritrack.types import BoolArray, Damage, FloatArray, IntArray, check_lengt
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radials:
-    """Video records in the order of the input, all with cells of the same number of bits.
+    """Video records in the order of the input.
 
-    Integers are as sent; `cells` holds native unsigned integers of the smallest type that fits
+    Integers are as sent; `cells` holds native unsigned integers of the smallest type that fits the most `bits`
     (uint8 up to 8 bit, uint16, uint32), zero beyond `n_cells`.
     """
 
@@ -34,13 +34,13 @@ class Radials:
     t_ns: IntArray  # (n,) receive time: UNIX, or since a midnight (less than a year), or NO_TIME
     stream: IntArray  # (n,) index of the stream that it came in
     n_cells: IntArray  # (n,) cells delivered
-    bits: int
+    bits: IntArray  # (n,) of a cell
     cells: NDArray[np.unsignedinteger[Any]]  # (n, w); (n, 0) where only headers were asked for
 
     def __post_init__(self) -> None:
         check_lengths(
             self, len(self.offset), "sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "femto",
-            "cell_m", "compressed", "tod", "t_ns", "stream", "n_cells", "cells",
+            "cell_m", "compressed", "tod", "t_ns", "stream", "n_cells", "bits", "cells",
         )  # fmt: skip
 
     def __len__(self) -> int:

@@ -45,6 +45,7 @@ from maritrack.types import BoolArray, Damage, IntArray
 
 MAX_RADIALS = 4096
 MAX_CELL_OCTETS = 32 << 20
+MAX_PADDING, PADDING = 4 << 20, 4  # octets of cells in a batch beyond that many times those that were sent
 INFLATION_FLOOR = 4 << 20  # cells
 INFLATION_RATIO = 256  # cells to an octet of input
 COLUMNS = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "tod")
@@ -235,23 +236,22 @@ def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
 
 
 def _split(rows: Rows) -> list[int]:
-    """Bounds of runs of rows that make a batch: of one width in bits, and not too many cells."""
-    bounds = [0]
-    changes = [*(np.flatnonzero(np.diff(rows["bits"])) + 1).tolist(), len(rows)]
-    for end in changes:
-        first = bounds[-1]
-        octets = rows["n_cells"][first:end] * cell_type(int(rows["bits"][first])).itemsize if end else rows["n_cells"]
-        if end - first > MAX_RADIALS or (end - first) * int(octets.max(initial=0)) > MAX_CELL_OCTETS:
-            widest = 0
-            for i, size in enumerate(octets.tolist(), first):
-                widest = max(widest, size)
-                if i > bounds[-1] and (
-                    i - bounds[-1] == MAX_RADIALS or (i + 1 - bounds[-1]) * widest > MAX_CELL_OCTETS
-                ):
-                    bounds.append(i)
-                    widest = size
-        bounds.append(end)
-    return bounds
+    """Bounds of runs of rows that make a batch: not too many cells, and not too many of them for padding."""
+    octets = rows["n_cells"] * np.maximum(rows["bits"] >> 3, 1)
+    widest = int(rows["n_cells"].max(initial=0)) * max(int(rows["bits"].max(initial=0)) >> 3, 1)
+    block = len(rows) * widest
+    if len(rows) <= MAX_RADIALS and block <= MAX_CELL_OCTETS and block <= MAX_PADDING + PADDING * int(octets.sum()):
+        return [0, len(rows)]
+    bounds, most, depth, held = [0], 0, 0, 0
+    sizes = np.maximum(rows["bits"] >> 3, 1).tolist()
+    for i, (cells, size) in enumerate(zip(rows["n_cells"].tolist(), sizes, strict=True)):
+        most, depth, held = max(most, cells), max(depth, size), held + cells * size
+        n = i - bounds[-1]
+        block = (n + 1) * most * depth
+        if n > 0 and (n == MAX_RADIALS or block > MAX_CELL_OCTETS or block > MAX_PADDING + PADDING * held):
+            bounds.append(i)
+            most, depth, held = cells, size, cells * size
+    return [*bounds, len(rows)]
 
 
 def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
@@ -264,7 +264,7 @@ def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
 
 
 def _radials(one: _Stretch, state: _State) -> tuple[Radials | None, list[Damage], list[Video], IntArray | None]:
-    """The radials of rows of one width in bits, what was wrong with them, their exact records if all have one, and
+    """The radials of rows, what was wrong with them, their exact records if all have one, and
     the octets of their cells.
     """
     w, rows, videos = one.w, one.rows, one.videos
@@ -315,7 +315,7 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
     if len(one.usual) == len(rows):
         cells = some
     else:
-        cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"][0])))
+        cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"].max())))
         cells[one.usual, : some.shape[1]] = some
     for i in np.flatnonzero(~usual).tolist():
         if not affordable[i]:
@@ -349,7 +349,7 @@ def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray, stream: 
         offset=w.base + rows["block"], **columns, femto=femto,
         cell_m=np.where(femto, rows["cell_dur"] * 1e-15, rows["cell_dur"] * 1e-9) * C_MPS / 2,
         t_ns=np.full(len(rows), NO_TIME), stream=stream, compressed=rows["compressed"] > 0, n_cells=n_cells,
-        bits=int(rows["bits"][0]),
+        bits=np.ascontiguousarray(rows["bits"]),
         cells=cells if cells.shape[1] == widest else np.ascontiguousarray(cells[:, :widest]),
     )  # fmt: skip
 

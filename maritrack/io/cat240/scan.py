@@ -1,6 +1,8 @@
 """One stretch of a CAT240 stream: its blocks in order, its records as rows, and where the chain breaks.
 
-Blocks of the usual make are turned into rows many at a time; all others go one by one to the exact reader.
+Blocks of the usual make are turned into rows many at a time; all others go one by one to the exact reader. That takes
+its time, which a hostile input can ask for every few octets: where it asks for more than its size allows, the octets
+that follow are looked through for radials of the usual make alone (`effort-budget`).
 """
 
 from __future__ import annotations
@@ -9,14 +11,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from maritrack.io.cat240.cells import ROW, Rows, common_rows, row_of
-from maritrack.io.cat240.exact import Summary, Video, parse_block
-from maritrack.io.cat240.framing import CAT240, HEADER, Window, chain, other_blocks
-from maritrack.io.cat240.items import next_block
+from maritrack.io.cat240.cells import ROW, Rows, common_rows, row_of, take_rows
+from maritrack.io.cat240.exact import Block, Summary, Video, parse_block
+from maritrack.io.cat240.framing import CAT240, HEADER, Window, chain, lookalikes, other_blocks
+from maritrack.io.cat240.items import MANY, next_block
 from maritrack.types import Damage, IntArray
 
 MOST = 4096  # blocks, and things found, in a stretch
-FEW_BLOCKS = 8  # fewer are read one by one
+FEW_BLOCKS = 8  # that are taken at once where the chain broke
+EFFORT_FLOOR, EFFORT_OCTETS = 8192, 96  # an exact record, some 30 us, for so many octets; so many at the beginning
+BREAK = 8  # what a break of the chain takes, in exact records
+FOREIGN = 3  # a few blocks of other categories
+HURRY = 1 << 18  # octets that are looked through when there is no effort left
 
 
 @dataclass(slots=True)
@@ -27,6 +33,11 @@ class Chain:
     run: int = MOST  # blocks to take at once: few after the chain broke
     lost: int = -1  # octet of the input where the chain broke, -1 = in step
     told: bool = False  # why it broke was said
+    effort: int = 0  # exact records so far, and what takes as long
+
+    def left(self, place: int) -> int:
+        """Exact records that the input up to an octet still allows."""
+        return EFFORT_FLOOR + place // EFFORT_OCTETS - self.effort if self.fast else MANY
 
 
 @dataclass(slots=True)
@@ -69,15 +80,21 @@ def scan(w: Window, at: int, state: Chain) -> Found:
     found = Found(at)
     while found.size < MOST and at < len(w.data):
         if state.lost >= 0:
-            at = next_block(w, at)
+            at, tried = next_block(w, at, state.left(w.base + at))
+            state.effort += tried
             if at >= w.limit:
                 break
+            if state.left(w.base + at) <= 0:
+                at = _hurry(w, at, found, state)
+                continue
             _tell_lost(state, found.damage, f"the next one {w.base + at - state.lost} octets on")
         starts = chain(w, at, min(state.run, MOST - found.size))
         if len(starts) > 1:
             before, at = at, _take_blocks(w, starts, found, state)
             if at == before:
                 break
+        elif at < w.limit and state.left(w.base + at) <= 0:
+            at = _hurry(w, at, found, state)
         elif at < w.limit:
             at = _take_other(w, at, found, state)
         else:
@@ -103,8 +120,8 @@ def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int
     """Put the records of the blocks between `starts` into `found`; where to go on, maybe with more input."""
     n = len(starts) - 1
     usual, rows = np.zeros(n, dtype=np.bool_), np.zeros(0, dtype=ROW)
-    if state.fast and n >= FEW_BLOCKS:
-        usual, rows = common_rows(w, starts)
+    if state.fast:
+        usual, rows = common_rows(w, starts[:-1], starts[1:])
     places = starts.tolist()
     done = 0
     for i in np.flatnonzero(~usual).tolist():
@@ -120,7 +137,8 @@ def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int
             message = "a data block without records"
             found.add_run("empty-block", w.base + places[i], message, (places[i], places[done]), done - i)
             continue
-        end = _take_block(w, places[i], places[done], found, state)
+        hurry = state.left(w.base + places[i]) <= 0
+        end = _hurry(w, places[i], found, state) if hurry else _take_block(w, places[i], places[done], found, state)
         if end >= 0:
             state.run = FEW_BLOCKS
             return end
@@ -137,19 +155,51 @@ def _take_block(w: Window, start: int, end: int, found: Found, state: Chain) -> 
     found.summaries += block.summaries
     found.damage += block.damage
     found.size += len(block.videos) + len(block.summaries) + len(block.damage)
+    state.effort += _effort(block)
     if block.lost:
         state.lost = w.base + block.resume
     return block.resume if block.lost or block.resume != end else -1
+
+
+def _effort(block: Block) -> int:
+    """What the records of a block took, and what is wrong with them will take."""
+    told = sum(len(video.troubles) for video in block.videos)
+    return 2 * len(block.videos) + len(block.summaries) + len(block.damage) + told + BREAK * block.lost
+
+
+def _hurry(w: Window, at: int, found: Found, state: Chain) -> int:
+    """Take the blocks of the usual make that stand anywhere in the octets that follow; where to go on."""
+    stop = min(at + HURRY, len(w.data))
+    begin = lookalikes(w, at, stop)
+    end = begin + (w.u8[begin + 1].astype(np.int64) << 8 | w.u8[begin + 2])
+    usual, rows = common_rows(w, begin, end)
+    kept, upto, gaps, unread = list[int](), at, 0, 0
+    state.lost = -1
+    for i in np.flatnonzero(usual).tolist():
+        if begin[i] >= upto:
+            gaps, unread = gaps + int(begin[i] > upto), unread + int(begin[i]) - upto
+            kept.append(i)
+            upto = int(end[i])
+    if upto < stop:
+        gaps, unread = gaps + 1, unread + stop - upto
+        state.lost, state.told = w.base + stop, True  # nothing is known of what stands there
+    found.add_rows(take_rows(rows, np.array(kept, dtype=np.int64)))
+    if gaps:
+        message = f"too many records that are broken or tiny: {unread} octets looked through for usual radials alone"
+        found.damage.append(Damage("effort-budget", w.base + at, message, count=gaps))
+    return max(stop, upto)
 
 
 def _take_other(w: Window, at: int, found: Found, state: Chain) -> int:
     """Go over what isn't a whole CAT240 block: other categories, a cut end, a broken chain."""
     ends = other_blocks(w, at) if w.data[at] != CAT240 else []
     if ends:
+        state.effort += FOREIGN
         message = f"data block of category {w.data[at]} skipped"
         found.add_run("other-category", w.base + at, message, (at, ends[-1]), len(ends))
         return ends[-1]
     place, left, length = w.base + at, len(w.data) - at, w.length(at)
+    state.effort += BREAK
     state.lost, state.told = place, w.data[at] == CAT240
     if not state.told:
         return at

@@ -164,7 +164,7 @@ def _blocks_in(w: Window, lost: int) -> tuple[Datagrams, int, int]:
     ends = [np.zeros(0, dtype=np.int64)]
     while at < len(w.data):
         if lost >= 0:
-            at = next_block(w, at)
+            at, _ = next_block(w, at)
             if at >= w.limit:
                 break
             damage.append(Damage("lost-sync", lost, f"{w.base + at - lost} octets that are no data block"))

@@ -167,7 +167,7 @@ def _blocks_of(d: Datagrams, i: int) -> tuple[list[tuple[int, int]], list[Damage
             found.append((first, at))
         damage.append(_broken(d, i, at, length, stop))
         rest = window(0, d.data[at + 1 : stop], final=True)
-        first = at = at + 1 + min(next_block(rest, 0), len(rest.data))
+        first = at = at + 1 + min(next_block(rest, 0)[0], len(rest.data))
     if at > first:
         found.append((first, at))
     return found, damage

@@ -39,7 +39,7 @@ def blocks_of(d: Datagrams) -> Blocks:
     category = np.frombuffer(d.data, dtype=np.uint8)[bounds[:-1][size > 0]]
     whole = (size > HEADER) & (_lengths(d.data, bounds) == size)
     whole[size > 0] &= category == CAT240
-    usual, rows = common_rows(window(0, d.data, final=True), bounds)
+    usual, rows = common_rows(window(0, d.data, final=True), bounds[:-1], bounds[1:])
     odd = np.flatnonzero(whole & ~usual)
     first = first_records(np.frombuffer(d.data, dtype=np.uint8), bounds[odd], bounds[odd + 1])
     return Blocks(bounds, owner, whole, usual & whole, rows, odd, *first)

@@ -16,7 +16,7 @@ import numpy as np
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.datagrams import Stream
 from maritrack.io.turns.spokes import DayCount
-from maritrack.io.turns.stream import Cut, SensorStream
+from maritrack.io.turns.stream import FREE_SCANS, Cut, SensorStream
 from maritrack.types import Damage, IntArray
 
 MAX_SENSORS = 64
@@ -76,7 +76,7 @@ class Assembler:
     def _stream(self, name: str) -> SensorStream:
         if name not in self._streams:
             self._days.append(DayCount(others=self._days[:]))
-            self._streams[name] = SensorStream(name, self._days[-1])
+            self._streams[name] = SensorStream(name, self._days[-1], free_scans=FREE_SCANS // len(self._days))
         return self._streams[name]
 
 

@@ -51,7 +51,7 @@ SPOKE = np.dtype(
         ("set_back", "i8"),  # ticks by which the clock went back here
     ]
 )
-_COPIED = ("offset", "start_az", "end_az", "start_rg", "cell_dur", "femto", "cell_m", "n_cells", "tod")
+_COPIED = ("offset", "start_az", "end_az", "start_rg", "cell_dur", "femto", "bits", "cell_m", "n_cells", "tod")
 _SETTING = ("cell_dur", "start_rg", "bits", "femto")
 
 
@@ -67,7 +67,7 @@ def spoke_table(radials: Radials, rows: IntArray | None, *, before: Spokes, seq:
     came = (table["tod"] < 0) & (t_ns != NO_TIME)
     table["came_ns"] = np.where(came, t_ns % DAY_NS, -1)
     table["tod"] = np.where(came, table["came_ns"] // TICK_NS, table["tod"])
-    table["bits"], table["seq"], table["lost"] = radials.bits, seq, lost
+    table["seq"], table["lost"] = seq, lost
     return whole
 
 

@@ -36,7 +36,7 @@ def continues(radials: Radials, rows: IntArray | None = None) -> BoolArray:
     goes_on[1:] &= column("n_cells")[:-1] > 0
     if not goes_on.any():
         return goes_on
-    for name in ("start_az", "end_az", "cell_dur", "femto"):
+    for name in ("start_az", "end_az", "cell_dur", "femto", "bits"):
         values = column(name)
         goes_on[1:] &= values[1:] == values[:-1]
     idx = column("idx")
@@ -81,21 +81,22 @@ def _equal_parts(column: IntArray, n_cells: IntArray) -> list[IntArray]:
 
 def extends(held: Radials, radials: Radials, row: int) -> bool:
     """Whether row `row` of the radials is the next part of the one radial held."""
-    names = ("start_az", "end_az", "cell_dur", "femto")
+    names = ("start_az", "end_az", "cell_dur", "femto", "bits")
     return (
         radials.start_rg[row] == held.start_rg[0] + held.n_cells[0]
         and held.n_cells[0] > 0
-        and held.bits == radials.bits
         and (radials.idx[row] - held.idx[0]) % IDX_CYCLE == 1
         and all(getattr(radials, name)[row] == getattr(held, name)[0] for name in names)
     )
 
 
 def join(a: Radials, b: Radials) -> Radials:
-    """Radials one after the other, with the same bits; short rows are filled with zeros."""
-    cells = np.zeros((len(a) + len(b), max(a.cells.shape[1], b.cells.shape[1])), dtype=b.cells.dtype)
+    """Radials one after the other; short rows are filled with zeros."""
+    cells = np.zeros(
+        (len(a) + len(b), max(a.cells.shape[1], b.cells.shape[1])), dtype=max(a.cells.dtype, b.cells.dtype)
+    )
     cells[: len(a), : a.cells.shape[1]] = a.cells
     cells[len(a) :, : b.cells.shape[1]] = b.cells
-    names = [f.name for f in fields(a) if f.name not in ("bits", "cells")]
+    names = [f.name for f in fields(a) if f.name != "cells"]
     columns = {name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names}
-    return Radials(**columns, bits=b.bits, cells=cells)
+    return Radials(**columns, cells=cells)

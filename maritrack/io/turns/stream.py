@@ -5,6 +5,8 @@ first spoke, either way round; steps back, repeats, jitter and blanked sectors d
 where the range scale changes, after a silence, and when it grows too large. A spoke is judged when the
 next one has come, because a single wrong azimuth, time or range scale shows only then. Of spokes with
 the same START and END azimuths in a turn the last one counts.
+
+No antenna turns within a few spokes: after FREE_SCANS such turns, one has at least LEAST_SPOKES.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns.shortruns import MAX_TICKS, ShortRuns
 from maritrack.io.turns.spokes import (
     NO_TICK,
     SILENCE,
@@ -39,8 +42,8 @@ from maritrack.types import Damage, IntArray, take
 
 MAX_SPOKES = 65_536  # of a turn
 MAX_CELLS = 1 << 27  # of a turn, padding included
-MAX_TICKS = 120 * TICKS_PER_S  # what takes longer is no turn
 SILENT_TURNS = 3
+FREE_SCANS, LEAST_SPOKES = 256, 128
 WIDER = 2  # a turn with cells this much further out, or less far, than the last is a new segment
 END_OF_INPUT = int(np.iinfo(np.int64).max)
 HELD = -1  # in place of a row: the spoke that was held back
@@ -59,9 +62,10 @@ class Cut:
 class SensorStream:
     """The spokes of one sensor, cut into turns. Memory: one turn and the block being read."""
 
-    def __init__(self, sensor: str, days: DayCount) -> None:
+    def __init__(self, sensor: str, days: DayCount, *, free_scans: int = FREE_SCANS) -> None:
         self.sensor = sensor
         self.segment = 0
+        self._free = free_scans
         self._idx: int | None = None
         self._held: Radials | None = None  # the last spoke: judged when the next one has come
         self._held_row = np.zeros(0, SPOKE)
@@ -120,8 +124,13 @@ class SensorStream:
             return
         changes, silence = self._judge(table, after)
         found = np.append(table["seq"], after["seq"] if len(after) else END_OF_INPUT)[1:]
+        runs = ShortRuns(table["turn"], table["tick"], changes, np.flatnonzero(silence > self._silence))
         start = 0
         while start < len(table):
+            if self._open.n == 0 and (end := runs.end(start, self._least_spokes)) > start:
+                yield self._drop(table[start:end], runs.within(start, end), int(found[end]), table[end : end + 1])
+                start = end
+                continue
             end, why = self._end(table, start, changes, silence)
             if end > start:
                 self._extend(table[start:end], where[start:end], radials)
@@ -154,12 +163,12 @@ class SensorStream:
         opened = self._open
         lo = start if opened.n else start + 1
         turn = opened.turn if opened.n else int(table["turn"][start])
-        end, why = _full_turn(table["turn"], lo, turn), "turn"
+        end, why = _full_turn(table["turn"], max(lo, start + self._least_spokes - opened.n), turn), "turn"
         overlong = self._overlong(table, start, end)
         if overlong < end:
             end, why = max(overlong, lo), "scan-overlong"
         last = min(end + 1, len(table))
-        quiet = lo + np.flatnonzero(silence[lo:last] > max(SILENCE, SILENT_TURNS * self._clock.period_ns / TICK_NS))
+        quiet = lo + np.flatnonzero(silence[lo:last] > self._silence)
         if len(quiet):
             end, why = int(quiet[0]), "gap"
         change = np.searchsorted(changes, lo)
@@ -200,13 +209,43 @@ class SensorStream:
         }[why]
         return Damage(why, int(row["offset"]), message, self.sensor)
 
+    @property
+    def _silence(self) -> float:
+        """Ticks without a spoke that end a turn."""
+        return max(SILENCE, SILENT_TURNS * self._clock.period_ns / TICK_NS)
+
+    @property
+    def _least_spokes(self) -> int:
+        """Of a turn."""
+        return LEAST_SPOKES if self._free <= 0 else 0
+
+    def _drop(self, spokes: Spokes, cuts: tuple[int, int], found: int, after: Spokes) -> Cut:
+        """The end of many turns that were cut off, by so many changes of the range scale and silences, too early."""
+        changes, gaps = cuts
+        offset, n = int(spokes["offset"][0]), changes + gaps
+        damage = [*findings(spokes, self.sensor)]
+        message = f"{n} times a few spokes, {len(spokes)} in all: no scan"
+        damage.append(Damage("short-scan", offset, message, self.sensor, len(spokes)))
+        if changes:
+            message = f"the range scale changes {changes} times within {len(spokes)} spokes"
+            damage.append(Damage("range-change", offset, message, self.sensor, changes))
+        if gaps:
+            message = f"{gaps} silences within {len(spokes)} spokes"
+            damage.append(Damage("gap", offset, message, self.sensor, gaps))
+        self.segment += n
+        self._widest = 0
+        return Cut(found, int(after["offset"][0]), None, tuple(damage))
+
     def _close(self, why: str, found: int, offset: int, reason: Damage | None) -> Cut:
         opened, self._open = self._open, OpenTurn()
         spokes = opened.spokes()
-        t_ns = self._clock.times(spokes["tick"], spokes["turn"], spokes["came_ns"])
-        damage = [*findings(spokes, self.sensor), *self._no_time(spokes)]
+        damage = [*findings(spokes, self.sensor)]
         turn = None
-        if opened.pieces and (why in ("turn", "scan-overlong") or opened.worth_a_scan):
+        long_enough = opened.worth_a_scan or why in ("turn", "scan-overlong")
+        if opened.pieces and long_enough and len(spokes) >= self._least_spokes:
+            t_ns = self._clock.times(spokes["tick"], spokes["turn"], spokes["came_ns"])
+            damage += self._no_time(spokes)
+            self._free -= len(spokes) < LEAST_SPOKES
             turn, more = self._turn(opened, spokes, t_ns)
             damage += more
         else:
@@ -226,7 +265,7 @@ class SensorStream:
             spokes, t_ns = spokes[~spokes["odd"]], t_ns[~spokes["odd"]]
         widest = int(spokes["n_cells"].max())
         damage = self._resized(widest, spokes)
-        cells, last = opened.cells(widest), last_of_repeats(spokes)
+        cells, last = opened.cells(widest, int(spokes["bits"][0])), last_of_repeats(spokes)
         if not last.all():
             first = int(spokes["offset"][np.argmin(last)])
             message = f"{int((~last).sum())} spokes came again in the same turn: the last ones count"

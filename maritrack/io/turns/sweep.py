@@ -117,9 +117,9 @@ class Judge:
 
     def _calm(self, r: Radials, lost: IntArray | None) -> Swept | None:
         """The radials if there is nothing to judge."""
-        s = self._setting or Setting(int(r.cell_dur[0]), int(r.start_rg[0]), r.bits, bool(r.femto[0]))
+        s = self._setting or Setting(int(r.cell_dur[0]), int(r.start_rg[0]), int(r.bits[0]), bool(r.femto[0]))
         first = self._winding.azimuth is None
-        one_grid = r.bits == s.bits and (r.cell_dur == s.cell_dur).all() and (r.start_rg == s.start_rg).all()
+        one_grid = (r.bits == s.bits).all() and (r.cell_dur == s.cell_dur).all() and (r.start_rg == s.start_rg).all()
         one_grid = one_grid and (r.femto == s.femto).all() and r.n_cells.min() > 0
         if not one_grid or len(self._held) or (first and len(r) == 1):
             return None
@@ -221,7 +221,9 @@ class Judge:
             return self._setting or _setting_of(rows[0]), ()
         grid = rows[index]
         starts = np.flatnonzero(~same_setting(grid[:-1], grid[1:])) + 1
-        found = [(int(index[i]), _setting_of(grid[i])) for i in [0, *starts.tolist()]]
+        starts = np.concatenate([[0], starts])
+        columns = [grid[name][starts].tolist() for name in Setting._fields]
+        found = list(zip(index[starts].tolist(), map(Setting, *columns), strict=True))
         before = self._setting or found[0][1]
         self._setting = found[-1][1]
         return before, tuple(found if found[0][1] != before else found[1:])
@@ -243,7 +245,7 @@ def _clock(r: Radials) -> tuple[IntArray, IntArray | None]:
 def _as_part(r: Radials) -> tuple[int, ...]:
     """What tells that the first record is a part of the spoke that the record before is of."""
     return (int(r.idx[0]), int(r.start_rg[0]), int(r.start_az[0]), int(r.end_az[0]), int(r.cell_dur[0]),
-            int(r.femto[0]), r.bits)  # fmt: skip
+            int(r.femto[0]), int(r.bits[0]))  # fmt: skip
 
 
 def _next_part(r: Radials) -> tuple[int, ...]:
@@ -251,4 +253,4 @@ def _next_part(r: Radials) -> tuple[int, ...]:
     if r.n_cells[-1] == 0:
         return ()
     return (int(r.idx[-1] + 1) % IDX_CYCLE, int(r.start_rg[-1] + r.n_cells[-1]), int(r.start_az[-1]),
-            int(r.end_az[-1]), int(r.cell_dur[-1]), int(r.femto[-1]), r.bits)  # fmt: skip
+            int(r.end_az[-1]), int(r.cell_dur[-1]), int(r.femto[-1]), int(r.bits[-1]))  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maritrack.io.cat240.cells import cell_type
 from maritrack.io.turns.spokes import NO_TICK, TICKS_PER_S, TURN, Spokes
 from maritrack.types import BoolArray, Damage, IntArray
 
@@ -69,10 +70,10 @@ class OpenTurn:
     def spokes(self) -> Spokes:
         return np.concatenate(self.tables) if len(self.tables) > 1 else self.tables[0]
 
-    def cells(self, width: int) -> Cells:
-        """The cells of all spokes but the odd ones, (a, width), each copied once."""
+    def cells(self, width: int, bits: int) -> Cells:
+        """The cells of all spokes but the odd ones, (a, width) of so many bits, each copied once."""
         n = sum(len(rows) for _, rows in self.pieces)
-        block = np.empty((n, width), dtype=self.pieces[0][0].dtype)
+        block = np.empty((n, width), dtype=cell_type(bits))
         at = 0
         for cells, rows in self.pieces:
             _copy_rows(cells, rows, block[at : at + len(rows)])
@@ -85,7 +86,7 @@ def _copy_rows(cells: Cells, rows: IntArray, out: Cells) -> None:
     out[:, width:] = 0
     if int(rows[-1]) - int(rows[0]) == len(rows) - 1:  # rows increase, so these follow each other
         out[:, :width] = cells[rows[0] : rows[-1] + 1, :width]
-    elif width == cells.shape[1] == out.shape[1]:
+    elif width == cells.shape[1] == out.shape[1] and cells.dtype == out.dtype:
         np.take(cells, rows, axis=0, out=out, mode="clip")
     else:
         out[:, :width] = cells[rows, :width]

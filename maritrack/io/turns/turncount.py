@@ -12,15 +12,16 @@ import numpy as np
 
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.turns.sectors import Sectors
+from maritrack.io.turns.shortruns import MAX_TICKS, ShortRuns
 from maritrack.io.turns.spokes import NO_TICK, SILENCE, TICK_NS, TURN, DayCount
 from maritrack.io.turns.spoketime import ASSUMED_PERIOD_NS
-from maritrack.io.turns.stream import MAX_CELLS, MAX_SPOKES, MAX_TICKS, SILENT_TURNS
+from maritrack.io.turns.stream import FREE_SCANS, LEAST_SPOKES, MAX_CELLS, MAX_SPOKES, SILENT_TURNS
 from maritrack.io.turns.sweep import Judge, Setting, Swept
 from maritrack.io.turns.turn import LEAST_ADVANCE
 from maritrack.io.turns.turnclock import TurnClock, exact_ns, middle
 from maritrack.types import IntArray
 
-MOST_KEPT = 10_000  # silences, losses and changes; more are only counted
+MOST_KEPT = 2000  # silences, losses and changes; more are only counted
 SHORT_PAUSE = 26  # ticks: shorter silences are of no interest
 LOOK = 4096  # spokes that are looked at at once
 WIDER = 1.05  # times as many cells: another range
@@ -84,7 +85,8 @@ class TurnCount:
     Times are ns since midnight of the first day, None where unknown.
     """
 
-    def __init__(self, days: DayCount) -> None:
+    def __init__(self, days: DayCount, *, free_scans: int = FREE_SCANS) -> None:
+        self._free = free_scans
         self.spokes = self.scans = self.repeated = self.stray = self.odd = self.set_back = 0
         self.forward = self.backward = 0  # steps of azimuth
         self.lost = self.n_losses = self.n_changes = 0
@@ -124,8 +126,13 @@ class TurnCount:
         self._note(s)
         setting, changes, limits = s.setting, list(s.changes), _limits(s, self._open.tick)
         begins: list[tuple[int, int, bool]] = []
+        rows = np.array([row for row, _ in changes], dtype=np.int64)
+        runs = ShortRuns(s.turn, s.tick, rows, np.flatnonzero(s.silence > self._silence))
         start = 0
         while start < len(s):
+            if self._open.n == 0 and (end := runs.end(start, self._least_spokes)) > start:
+                setting, start = self._drop(s, (start, end), setting, changes), end
+                continue
             if self._open.n == 0:
                 setting = changes.pop(0)[1] if changes and changes[0][0] == start else setting
                 begins.append((start, int(s.turn[start]), self._joins))
@@ -165,9 +172,11 @@ class TurnCount:
         if sum(map(len, self._widths)) < LOOK:
             self._widths.append((s.end_az - s.start_az)[:LOOK] & TURN - 1)
         old = s.setting
-        for row, new in s.changes:
+        self.n_changes += len(s.changes)
+        for row, new in s.changes[: _room(self.changes)]:
             n_cells = int(s.n_cells[row - 1]) if row else self._cells
-            self._change(Change(s.t_ns(row), int(s.offset[row]), Grid(old, n_cells), Grid(new, int(s.n_cells[row]))))
+            new_grid = Grid(new, int(s.n_cells[row]))
+            self.changes.append(Change(s.t_ns(row), int(s.offset[row]), Grid(old, n_cells), new_grid))
             old = new
 
     def _add_pauses(self, s: Swept) -> None:
@@ -196,13 +205,13 @@ class TurnCount:
         """
         o = self._open
         lo = start if o.n else start + 1
-        end, why = _full_turn(s, lo, o.turn if o.n else int(s.turn[start])), "turn"
+        least = max(lo, start + self._least_spokes - o.n)
+        end, why = _full_turn(s, least, o.turn if o.n else int(s.turn[start])), "turn"
         overlong = self._overlong(s, start, end, limits)
         if overlong < end:
             end, why = max(overlong, lo), "scan-overlong"
         if limits.silence > SILENCE:
-            period = self._period or ASSUMED_PERIOD_NS / TICK_NS
-            quiet = np.flatnonzero(s.silence[lo : end + 1] > max(SILENCE, SILENT_TURNS * period))
+            quiet = np.flatnonzero(s.silence[lo : end + 1] > self._silence)
             if len(quiet):
                 end, why = lo + int(quiet[0]), "gap"
         if change <= end and change < len(s):
@@ -246,13 +255,37 @@ class TurnCount:
         o.widest = max(o.widest, int(s.n_cells[start:end].max()))
         o.n, o.kept = o.n + end - start, o.kept + len(azimuths)
 
+    @property
+    def _silence(self) -> float:
+        """Ticks without a spoke that end a turn."""
+        return max(SILENCE, SILENT_TURNS * (self._period or ASSUMED_PERIOD_NS / TICK_NS))
+
+    @property
+    def _least_spokes(self) -> int:
+        """Of a turn, as `stream` has it."""
+        return LEAST_SPOKES if self._free <= 0 else 0
+
+    def _drop(self, s: Swept, span: tuple[int, int], setting: Setting, changes: list[tuple[int, Setting]]) -> Setting:
+        """Pass over spokes [first, end) whose turns were all cut off too early; the range scale of the last of them."""
+        at, end = span
+        widest = int(s.n_cells[at:end].max())
+        while changes and changes[0][0] < end:
+            row, new = changes.pop(0)
+            self.grids[Grid(setting, widest)] += row - at
+            at, setting = row, new
+        self.grids[Grid(setting, widest)] += end - at
+        self._joins = False
+        return setting
+
     def _close(self, why: str, setting: Setting) -> None:
         o, self._open = self._open, _Open()
         self._joins = why == "turn"
         repeated = 0 if o.rising else o.kept - len(np.unique(np.concatenate(o.azimuths)))
         self.repeated += repeated
-        if o.kept and (why in ("turn", "scan-overlong") or o.high - o.low >= LEAST_ADVANCE):
+        long_enough = why in ("turn", "scan-overlong") or o.high - o.low >= LEAST_ADVANCE
+        if o.kept and long_enough and o.n >= self._least_spokes:
             self.scans += 1
+            self._free -= o.n < LEAST_SPOKES
         grid, turned = Grid(setting, o.widest), abs(o.last - o.turn)
         self.grids[grid] += o.kept
         if turned >= TURN // 2 and o.until > o.tick:
@@ -300,7 +333,7 @@ def _alike(a: int, b: int) -> bool:
 def _full_turn(s: Swept, lo: int, begin: int) -> int:
     """The first row from `lo` on whose azimuth is a full turn away from `begin`, or the number of rows."""
     if s.rising:
-        return int(np.searchsorted(s.turn, begin + TURN))
+        return min(max(lo, int(np.searchsorted(s.turn, begin + TURN))), len(s))
     for at in range(lo, len(s), LOOK):
         there = np.abs(s.turn[at : at + LOOK] - begin) >= TURN
         if there.any():
