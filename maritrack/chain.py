@@ -83,12 +83,14 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
 
 
 def detect(scan: Scan, config: Config) -> Points:
-    """Points of a scan, from its video or as given, within the region of interest."""
+    """Points of a scan, as given or from its video, within the region of interest."""
     settings = config.input
-    if scan.video is not None:
+    if scan.points is not None:
+        points = scan.points
+    elif scan.video is not None:
         points = detect_cells(scan, config.detect, latency_ns=round(settings.latency_s * 1e9))
     else:
-        points = scan.points if scan.points is not None else empty_points()
+        points = empty_points()
     inside = (points.range_m >= settings.roi_min_m) & (points.range_m <= settings.roi_max_m)
     return points if inside.all() else take(points, inside)
 

@@ -78,9 +78,15 @@ def execute(
     return summary, False
 
 
-def run_silently(job: Job, sinks: Sequence[Sink]) -> tuple[dict[str, Any], RunManifest]:
-    """Run a job into given sinks, without a folder: replay, benchmarks, studies."""
-    recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict, workers=job.workers)
+def run_silently(
+    job: Job, sinks: Sequence[Sink], *, recording: Recording | None = None
+) -> tuple[dict[str, Any], RunManifest]:
+    """Run a job into given sinks, without a folder: replay, benchmarks, studies.
+
+    `recording` is the job's own where it is open already.
+    """
+    if recording is None:
+        recording = open_recording(job.octets, job.kinds, job.side, job.config, strict=job.strict, workers=job.workers)
     manifest = make_manifest(
         job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
         origin=recording.origin, recording=job.name,
