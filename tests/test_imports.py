@@ -50,6 +50,7 @@ BELOW = {  # what each part of the package may import besides itself
     "papers": BASE | {"config", "trackers"},
     "fanout": set[str](),
     "reproduce": LINE | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks"},
+    "tune": LINE | {"chain", "config", "fanout", "io", "job", "recording", "run", "simulate"},
 }
 READING = {  # the packages of `maritrack.io`, and which of the others each may import
     "cat240": set[str](),

@@ -111,6 +111,9 @@ def nearest_last(xy_m: FloatArray, owner: IntArray, squared_m2: FloatArray) -> I
 
 
 def dense(label: IntArray) -> IntArray:
-    """Labels numbered from 0 in their order, -1 stays."""
-    used, renumbered = np.unique(label, return_inverse=True)
-    return np.asarray(renumbered.reshape(-1) - (1 if used[0] == -1 else 0), dtype=np.int64)
+    """Labels (n,) from 0 to n - 1 numbered without gaps in their order, -1 stays."""
+    used = np.zeros(len(label) + 1, np.int64)
+    used[label + 1] = 1
+    number = np.cumsum(used) - used[0] - 1
+    number[0] = -1
+    return np.asarray(number[label + 1], dtype=np.int64)

@@ -26,19 +26,25 @@ def cluster_points(points: Points, scan: Scan, config: ClusterConfig, sensor: In
 
 
 def labels(points: Points, scan: Scan, config: ClusterConfig) -> IntArray:
-    """Cluster of each point (n,), -1 = noise.
-
-    Polar: distance on the unwrapped cylinder (R phi, r) with R = cell depth / cell width, closed over
-    North.   Eq: polar-2, polar-3, polar-4
-    """
-    eps_m = max(config.eps_m, config.eps_cells * scan.sensor.range_res_m)
+    """Cluster of each point (n,), -1 = noise."""
     if config.method == "singletons":
         return np.arange(len(points))
-    if config.method == "cartesian-dbscan":
-        return dbscan(points.position_m - scan.position_m, eps_m=eps_m, min_points=config.min_points)
+    eps_m = max(config.eps_m, config.eps_cells * scan.sensor.range_res_m)
+    xy_m, period_m = plane(points, scan, config.method)
+    return dbscan(xy_m, eps_m=eps_m, min_points=config.min_points, period_m=period_m)
+
+
+def plane(points: Points, scan: Scan, method: str) -> tuple[FloatArray, float]:
+    """Where DBSCAN sees the points (n, 2), and the period of the first axis, 0 = none.
+
+    Polar: the unwrapped cylinder (R phi, r) with R = cell depth / cell width, closed over North.
+    Eq: polar-2, polar-3, polar-4
+    """
+    if method == "cartesian-dbscan":
+        return points.position_m - scan.position_m, 0.0
     radius_m = cylinder_radius_m(points, scan)
-    xy = np.stack([radius_m * geo.wrap_positive(points.azimuth_rad), points.range_m], axis=1)
-    return dbscan(xy, eps_m=eps_m, min_points=config.min_points, period_m=geo.TWO_PI * radius_m)
+    xy_m = np.stack([radius_m * geo.wrap_positive(points.azimuth_rad), points.range_m], axis=1)
+    return xy_m, geo.TWO_PI * radius_m
 
 
 def cylinder_radius_m(points: Points, scan: Scan) -> float:

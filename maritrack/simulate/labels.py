@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
+from numpy.typing import NDArray
 
+from maritrack.errors import InputError
 from maritrack.simulate.radar import Turn
 from maritrack.simulate.scenes import LAND_ID, Scene
 from maritrack.types import IntArray
@@ -62,6 +64,16 @@ class LabelFile:
             self._waiting = []
 
 
+class Owners(NamedTuple):
+    """A table read back for work on it: whose echo each cell is, as a number."""
+
+    scan: NDArray[np.int32]  # (n,) ascending
+    spoke: NDArray[np.int32]  # (n,)
+    cell: NDArray[np.int32]  # (n,)
+    owner: NDArray[np.int32]  # (n,) index into ids
+    ids: tuple[str, ...]
+
+
 @contextmanager
 def label_file(path: Path, scene: Scene) -> Iterator[LabelFile]:
     """A table to add turns to; complete when the context ends."""
@@ -76,3 +88,16 @@ def read_labels(path: Path) -> Labels:
     table = pq.read_table(path, schema=SCHEMA)
     scan, spoke, cell = (np.asarray(table[name], dtype=np.int64) for name in ("scan", "spoke", "cell"))
     return Labels(scan, spoke, cell, tuple(table["object"].to_pylist()))
+
+
+def read_owners(path: Path) -> Owners:
+    """The labels beside a recording, from their own path. InputError where it is no such table."""
+    try:
+        table = pq.read_table(path)
+        if not table.schema.equals(SCHEMA):
+            raise InputError(f"{path}: a table of {', '.join(table.schema.names)}, not of scan, spoke, cell, object")
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"{path}: no table of labelled cells ({str(error).splitlines()[0]})") from None
+    scan, spoke, cell = (table[name].to_numpy() for name in ("scan", "spoke", "cell"))
+    coded = table["object"].combine_chunks().dictionary_encode()
+    return Owners(scan, spoke, cell, coded.indices.to_numpy(), tuple(coded.dictionary.to_pylist()))

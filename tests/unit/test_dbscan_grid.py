@@ -21,7 +21,7 @@ def one_by_one(xy: np.ndarray, eps: list[float], period: float) -> list[np.ndarr
     ]  # fmt: skip
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(derandomize=True, deadline=None, max_examples=30)
 @given(
     seed=st.integers(0, 10_000),
     n=st.integers(0, 150),

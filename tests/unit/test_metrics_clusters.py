@@ -33,14 +33,14 @@ def counted(truth: list[int], label: list[int], noise: Noise) -> PairCounts:
 
 
 @pytest.mark.parametrize("noise", ["single", "class"])
-@settings(derandomize=True, deadline=None, max_examples=80)
+@settings(derandomize=True, deadline=None, max_examples=40)
 @given(labels=LABELS)
 def test_pairs_are_those_that_one_can_count(noise: Noise, labels: tuple[list[int], list[int]]) -> None:
     truth, label = labels
     assert pair_counts(np.array(truth, int), np.array(label, int), noise=noise) == counted(truth, label, noise)
 
 
-@settings(derandomize=True, deadline=None, max_examples=80)
+@settings(derandomize=True, deadline=None, max_examples=40)
 @given(labels=LABELS)
 def test_with_noise_as_a_class_the_index_is_that_of_scikit_learn(labels: tuple[list[int], list[int]]) -> None:
     from sklearn.metrics import adjusted_rand_score

@@ -1,0 +1,1 @@
+"""Studies over grids of settings: which pair clusters best, which settings track best."""
