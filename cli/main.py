@@ -34,6 +34,7 @@ from . import (
     show,
     simulate,
     smooth,
+    tune,
 )
 
 EXIT_BUG, EXIT_INTERRUPTED, EXIT_PIPE = 70, 130, 141
@@ -80,6 +81,7 @@ for module in (
 ):
     module.register(app)
 app.add_typer(config.app, name="config")
+app.add_typer(tune.app, name="tune")
 
 
 def _version(wanted: bool) -> None:

@@ -109,7 +109,7 @@ def progress(*, quiet: bool, total_octets: int = 0, total_scans: int = 0) -> Ite
 
 @contextmanager
 def steps(what: str, *, quiet: bool) -> Iterator[Any]:
-    """A progress line for work of known length: `tick(done, of)`. Nothing when quiet or not on a terminal."""
+    """A progress line: `tick(done, of)`, of = 0 where nobody knows. Nothing when quiet or not on a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -117,7 +117,8 @@ def steps(what: str, *, quiet: bool) -> Iterator[Any]:
 
     def tick(done: int, of: int) -> None:
         left_s = (time.monotonic() - begun) * (of - done) / max(done, 1)
-        print(f"\r\x1b[2K{what} {done} of {of}  {left_s:5.0f} s left", end="", file=sys.stderr, flush=True)
+        of_all = f" of {of}  {left_s:5.0f} s left" if of else ""
+        print(f"\r\x1b[2K{what} {done}{of_all}", end="", file=sys.stderr, flush=True)
 
     try:
         yield tick

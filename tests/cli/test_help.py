@@ -33,7 +33,7 @@ def test_help_of_config_names_its_parts(command: str) -> None:
 
 def test_help_lists_every_command() -> None:
     output = CliRunner().invoke(app, ["--help"]).output
-    assert all(command in output for command in (*COMMANDS, "config"))
+    assert all(command in output for command in (*COMMANDS, "config", "tune"))
 
 
 def test_help_loads_nothing_heavy() -> None:
