@@ -179,6 +179,7 @@ class TrackerConfig:
     coast_misses: int = 1  # misses in a row after which a confirmed track is called coasted
     duplicate_distance_m: float = 0.0  # tracks nearer than this ...
     duplicate_speed_mps: float = 2.0  # ... and in velocity than this are one; 0 m = none
+    part_distance2: float = 0.0  # new tracks as near the middle of another's hull are parts of it; 0 = none
     moving_chi2: float = 9.0  # v' P^-1 v
     moving_speed_mps: float = 0.5
     moving_displacement_m: float = 15.0  # way made good within about the time constant

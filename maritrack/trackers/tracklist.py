@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from maritrack import geo
-from maritrack.objects import giw, matrix2
+from maritrack.objects import giw, matrix2, reduction
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config, TrackerConfig
 from maritrack.trackers.clutter import Clutter
@@ -24,6 +24,7 @@ from maritrack.types import (
     Points,
     Scan,
     Tracks,
+    take,
 )
 
 NOTHING, MISS, HIT = range(3)
@@ -195,6 +196,8 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
     tracks = replace(tracks, confirmed=confirmed)
     if rules.duplicate_distance_m > 0:
         alive &= ~duplicates(tracks, rules)
+    if rules.part_distance2 > 0:
+        alive &= ~parts(tracks, rules.part_distance2, model.rho)
     return tracks if alive.all() else select(tracks, alive)
 
 
@@ -211,6 +214,20 @@ def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
     younger_first = tracks.confirmed[b] & ~tracks.confirmed[a]
     double[np.where(younger_first, a, b)] = True
     return double
+
+
+def parts(tracks: TrackList, distance2: float, rho: float) -> BoolArray:
+    """Tracks (t,) not yet confirmed that are a part of one that is: in its hull, moving with it as far as one can tell.
+
+    A hull that breaks into several clusters stays one track; two tracks that are confirmed never end each other.
+    """
+    order = np.lexsort((tracks.id, ~tracks.confirmed))
+    ranked = take(tracks.density, order)
+    i, j = reduction.near_pairs(ranked, distance2, hull=rho * ranked.X)
+    whole = tracks.confirmed[order]
+    part = np.zeros(len(tracks), bool)
+    part[order[j[whole[i] & ~whole[j]]]] = True
+    return part
 
 
 def follow(tracks: TrackList, dt_s: FloatArray, rules: TrackerConfig) -> TrackList:

@@ -131,6 +131,20 @@ def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_older() ->
     assert not tracklist.duplicates(tracks(2, density=apart), rules).any()
 
 
+def test_what_is_new_in_the_hull_of_a_confirmed_track_is_a_part_of_it() -> None:
+    """A hull 200 m long; the others are 60 m and 115 m from its middle, along and across."""
+    t = tracks(4, confirmed=np.array([False, True, False, False]))
+    x = np.zeros((4, 4))
+    x[:, 0], x[:, 1] = [60.0, 0.0, 115.0, 0.0], [0.0, 0.0, 0.0, 60.0]
+    X = np.tile(np.diag([100.0**2, 10.0**2]), (4, 1, 1))
+    d = replace(t.density, x=x, P=np.tile(np.diag([25.0, 25.0, 1.0, 1.0]), (4, 1, 1)), X=X)
+    assert tracklist.parts(replace(t, density=d), 4.0, 0.25).tolist() == [True, False, False, False]
+    both = replace(t, density=d, confirmed=np.array([True, True, False, False]))
+    assert tracklist.parts(both, 4.0, 0.25).tolist() == [False, False, True, False]  # in the hull of the first
+    faster = replace(d, x=x + np.array([0.0, 0.0, 0.0, 5.0]) * (np.arange(4) == 0)[:, None])
+    assert not tracklist.parts(replace(t, density=faster), 4.0, 0.25).any()
+
+
 def test_status_tells_tentative_confirmed_and_coasted() -> None:
     t = tracks(3, confirmed=np.array([False, True, True]), misses=np.array([0, 0, 2]))
     assert tracklist.estimate(t, RULES).status.tolist() == [TENTATIVE, CONFIRMED, COASTED]
