@@ -14,12 +14,16 @@ HELP = """A simulated radar's recording of a scene: REC.cat240, and beside it wh
 
 REC.truth.json holds every object, REC.ais.csv what AIS told of those that have it, REC.labels.parquet whose echo
 each cell is (scan, spoke, cell, object; noise and sea have no rows). Equal scene, seed and scans give equal octets.
+Of a scene with several radars each has a recording, REC-NAME.cat240, and REC.sensors.toml says where they are.
 
 Examples:
 
     maritrack simulate harbour -o harbour.cat240
 
     maritrack simulate far-field -o far.cat240 --scans 240 --no-labels
+
+    maritrack simulate hamburg -o port.cat240 --workers 2 --no-labels
+    maritrack process port-*.cat240 --sensors port.sensors.toml --own-ship port.ais.csv --truth port.truth.json
 
     maritrack simulate my-scene.toml -o rec.cat240 --seed 7 --scans 100
 
@@ -39,6 +43,7 @@ def simulate(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and clutter.")] = 1,
     scans: Annotated[int | None, typer.Option("--scans", min=1, help="Rotations; by default the scene's.")] = None,
     ais: Annotated[bool, typer.Option("--ais/--no-ais", help="Write REC.ais.csv.")] = True,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Radars drawn at a time.")] = 1,
     labels: Annotated[bool, typer.Option("--labels/--no-labels", help="Write REC.labels.parquet.")] = True,
     list_: Annotated[bool, typer.Option("--list", help="Names of the scenes.")] = False,
     json_: opt.Json = False,
@@ -56,12 +61,15 @@ def simulate(
         raise UsageError("say which scene and where to: SCENE -o REC", hint="scenes: " + ", ".join(scene_names()))
     loaded = load_scene(scene)
     with render.steps("scan", quiet=quiet) as tick:
-        written = write(loaded, out, seed=seed, scans=scans, ais=ais, labels=labels, progress=tick)
+        written = write(loaded, out, seed=seed, scans=scans, ais=ais, labels=labels, workers=workers, progress=tick)
     if json_:
         render.emit_json(written)
     else:
-        print(f"{written['recording']}: {written['scans']} scans, {written['octets']} octets")
+        recordings = written.get("recordings", [written["recording"]])
+        print(f"{', '.join(recordings)}: {written['scans']} scans, {written['octets']} octets")
         print(f"{written['truth']}: {written['objects']} objects, {written['truth_rows']} rows")
+        if "sensors" in written:
+            print(f"{written['sensors']}: {len(recordings)} sensors")
         if ais:
             print(f"{written['ais']}: {written['ais_reports']} reports")
         if labels:

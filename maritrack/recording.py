@@ -15,7 +15,7 @@ from maritrack.io import sniff
 from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
-from maritrack.io.fuse import merge_sources
+from maritrack.io.fuse import in_steps, merge_sources
 from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
@@ -103,31 +103,54 @@ def open_recording(
 ) -> Recording:
     """Sources, poses and truth of the inputs, merged by time. Several `workers` are processes that inflate video.
 
-    The origin is the fixed radar's position, else that of the truth document, else own ship's first position.
+    The origin is the fixed radar's position, else that of the truth document, else own ship's first position, else
+    that of the first sensor that has one.
     """
-    settings = config.input
+    settings, sensors = config.input, sensors_of(side, config.input)
     origin = fixed_origin(settings) or document_origin(side.get("truth", b""))
-    ais = own_ship(side, settings, origin)
-    if origin is None and ais is not None:
-        origin = ais.origin
+    carriers = carriers_of(side, (settings, *sensors.values()), origin)
+    ais = None if carriers else own_ship(side, settings, origin)
+    for known in (*carriers.values(), ais):
+        origin = known.origin if origin is None and known is not None else origin
+    origin = origin or next(filter(None, map(fixed_origin, sensors.values())), None)
     reference: Reference | None = None
     if "truth" in side:
         if kinds[0] == "autoferry" and origin is None:
             origin = AutoferrySource.origin
         reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date)
         settings = dated(settings, reference)
-    sensors: Mapping[str, InputConfig] = {}
-    if "sensors" in side:
-        sensors = parse_sensors(side["sensors"].decode("utf-8", "replace"), name="sensors", base=settings)
-    place = _Place(settings, sensors, platform(ais, settings, origin), origin, strict, workers)
+    sensors = sensors_of(side, settings)
+    ships = {name: pose_of(document) for name, document in carriers.items()}
+    place = _Place(settings, sensors, platform(ais, settings, origin), ships, origin, strict, workers)
     sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
     if reference is None:
         reference = getattr(merged, "reference", None)
     wrong = reference.damage if reference is not None else ()
     damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
-    frames = nonempty(windowed(merged.frames(), settings), sources, octets)
+    frames = nonempty(windowed(in_steps(merged.frames(), settings.step_s), settings), sources, octets)
     return Recording(tuple(kinds), frames, merged.origin or origin, reference, side, damage)
+
+
+def sensors_of(side: Mapping[str, bytes], settings: InputConfig) -> Mapping[str, InputConfig]:
+    """Settings of single sensors over those of the run."""
+    if "sensors" not in side:
+        return {}
+    return parse_sensors(side["sensors"].decode("utf-8", "replace"), name="sensors", base=settings)
+
+
+def carriers_of(
+    side: Mapping[str, bytes], settings: Sequence[InputConfig], origin: Origin | None
+) -> dict[str, AisDocument]:
+    """Reports of each ship that settings name as the carrier of a sensor, all in the plane of one origin."""
+    found: dict[str, AisDocument] = {}
+    for ship in dict.fromkeys(one.own_ship for one in settings if one.own_ship):
+        name = next((n for n in ("own-ship", "truth") if n in side and sniff(side[n][:65536], n) == "ais"), None)
+        if name is None:
+            raise InputError(f"own_ship = '{ship}': no AIS reports to find it in", hint="pass them with --own-ship")
+        document = read_ais(side[name], name=name, date=settings[0].date, origin=origin, own_ship=ship)
+        origin, found[ship] = document.origin, document
+    return found
 
 
 def dated(settings: InputConfig, reference: Reference) -> InputConfig:
@@ -178,8 +201,14 @@ def platform(ais: AisDocument | None, settings: InputConfig, origin: Origin | No
     """Where the platform is over time. A position given for a fixed radar beats reports of a ship."""
     if fixed_origin(settings) is not None or ais is None or ais.own is None:
         return None
-    own = ais.own
-    return PoseTrack.from_reports(own.t_ns, own.position_m, own.heading_rad)
+    return pose_of(ais)
+
+
+def pose_of(document: AisDocument) -> PoseTrack:
+    """Where own ship of a document is over time."""
+    if document.own is None:
+        raise InputError("own-ship: which ship carries the radar?")
+    return PoseTrack.from_reports(document.own.t_ns, document.own.position_m, document.own.heading_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +218,7 @@ class _Place:
     settings: InputConfig
     sensors: Mapping[str, InputConfig]
     pose: PoseTrack | None
+    ships: Mapping[str, PoseTrack]  # that settings name as carriers
     origin: Origin | None
     strict: bool
     workers: int
@@ -213,7 +243,9 @@ class _Place:
         raise InputError(f"{octets.name}: {kind} is a reference, not a recording", hint="pass it with --truth")
 
     def _pose(self, settings: InputConfig) -> PoseTrack | None:
-        """A sensor with a position of its own stands there; the others are on the platform."""
+        """A sensor is aboard the ship that its settings name, or stands where they place it, or is on the platform."""
+        if settings.own_ship:
+            return self.ships[settings.own_ship]
         own, origin = fixed_origin(settings), self.origin
         if own is None or origin is None or own == origin:
             return self.pose

@@ -36,6 +36,8 @@ class InputConfig:
     date: str = ""  # ISO day of recordings that tell the time of day only
     lat_deg: float = NAN  # of a fixed radar
     lon_deg: float = NAN
+    own_ship: str = ""  # id in the AIS reports of the ship that carries the radar; "" = the one that is marked
+    step_s: float = 0.0  # scans that end within a step are of one instant, its end; 0 = each point has its beam's time
     stabilised: Literal["north", "head"] = "north"
     azimuth_edge: Literal["start", "centre", "end"] = "centre"  # the edge that the azimuth means
     azimuth_offset_deg: float = 0.0  # added to every azimuth
@@ -55,6 +57,7 @@ class InputConfig:
     def __post_init__(self) -> None:
         _require(0 <= self.from_s < self.to_s, "input.from_s must be less than input.to_s")
         _require(self.limit >= 0, "input.limit must not be negative")
+        _require(0 <= self.step_s < math.inf, "input.step_s must not be negative, and finite")
         _require(self.roi_min_m < self.roi_max_m, "input.roi_min_m must be less than input.roi_max_m")
         _require(-90 <= self.lat_deg <= 90 or math.isnan(self.lat_deg), f"input.lat_deg = {self.lat_deg}")
         _require(-180 <= self.lon_deg <= 180 or math.isnan(self.lon_deg), f"input.lon_deg = {self.lon_deg}")

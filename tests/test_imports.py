@@ -31,7 +31,7 @@ BELOW = {  # what each part of the package may import besides itself
     "chain": LINE,
     "io": BASE | {"config", "geo"},  # knows nothing of what is made of the points
     "sinks": BASE | {"geo", "io"},
-    "simulate": BASE | {"config", "geo", "io"},
+    "simulate": BASE | {"config", "geo", "io", "fanout"},
     "manifest": BASE | {"config", "io"},
     "recording": BASE | {"geo", "io"},
     "diff": BASE | {"io"},

@@ -22,6 +22,7 @@ from maritrack.types import FloatArray, Origin
 COLUMNS = (
     "time", "id", "name", "lat_deg", "lon_deg", "sog_knots", "cog_deg", "heading_deg", "length_m", "width_m",
 )  # fmt: skip
+SIDES = ("to_bow_m", "to_stern_m", "to_port_m", "to_starboard_m")  # where some antenna is not in the middle
 KNOT_MPS = 1852.0 / 3600.0
 REST_S, TURNING_S = 180.0, 10.0 / 3.0
 GOLDEN = 0.618034  # spreads first reports over the interval
@@ -37,13 +38,14 @@ def ais_table(scene: Scene, n_scans: int) -> str:
     """All reports during the recording, by time."""
     rows: list[tuple[float, list[str]]] = []
     telling = [v for v in scene.vessel if v.ais]
+    columns = (*COLUMNS, *SIDES) if any(any(v.antenna_m) for v in telling) else COLUMNS
     for i, vessel in enumerate(telling):
         first_s = (i * GOLDEN % 1.0) * 2.0
         rows += _rows(scene, vessel, report_times_s(vessel.course(), first_s, scene.radar.turn_s * n_scans))
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(row for _, row in sorted(rows))
+    writer.writerow(columns)
+    writer.writerows(row[: len(columns)] for _, row in sorted(rows))
     return text.getvalue()
 
 
@@ -70,7 +72,10 @@ def _interval_s(course: Course, t_s: float) -> float:
 
 def _rows(scene: Scene, vessel: Vessel, times_s: FloatArray) -> list[tuple[float, list[str]]]:
     state = vessel.course().at(times_s)
-    place = en_to_geodetic(Origin(scene.lat_deg, scene.lon_deg), state.position_m)
+    ahead_m, starboard_m = vessel.antenna_m
+    forward = np.stack([np.sin(state.heading_rad), np.cos(state.heading_rad)], axis=-1)
+    antenna_m = state.position_m + ahead_m * forward + starboard_m * forward[:, ::-1] * [1.0, -1.0]
+    place = en_to_geodetic(Origin(scene.lat_deg, scene.lon_deg), antenna_m)
     lat_deg, lon_deg = (np.rint(np.asarray(angle) / LEAST_DEG) * LEAST_DEG for angle in place)
     speed_kn = np.hypot(state.velocity_mps[:, 0], state.velocity_mps[:, 1]) / KNOT_MPS
     heading_deg = np.degrees(state.heading_rad)
@@ -82,6 +87,8 @@ def _rows(scene: Scene, vessel: Vessel, times_s: FloatArray) -> list[tuple[float
             at.isoformat(timespec="milliseconds").replace("+00:00", "Z"), vessel.id, vessel.name,
             f"{lat_deg[i]:.7f}", f"{lon_deg[i]:.7f}", f"{speed_kn[i]:.1f}", cog_deg,
             f"{round(float(heading_deg[i])) % 360}", f"{vessel.length_m:g}", f"{vessel.width_m:g}",
+            f"{vessel.length_m / 2 - ahead_m:g}", f"{vessel.length_m / 2 + ahead_m:g}",
+            f"{vessel.width_m / 2 + starboard_m:g}", f"{vessel.width_m / 2 - starboard_m:g}",
         ]  # fmt: skip
         rows.append((float(t_s), row))
     return rows

@@ -27,8 +27,11 @@ def rng(seed: int, stage: int, k: int) -> np.random.Generator:
 class RadarSettings:
     """Antenna, transmitter, receiver and where they stand."""
 
+    name: str = ""  # of its file, where a scene has several
     sac: int = 0
     sic: int = 1
+    aboard: str = ""  # id of the vessel that carries it; "" = it stands at east_m, north_m
+    head_up: bool = False  # sends azimuths from the bow of that vessel, not from North
     east_m: float = 0.0
     north_m: float = 0.0
     turn_s: float
@@ -53,6 +56,8 @@ class RadarSettings:
                 raise ConfigError(f"radar: {name} must be greater than 0")
         if not (self.full_db > self.floor_db and 0 <= self.threshold <= 255 and self.first_cell >= 0):
             raise ConfigError("radar: full_db > floor_db, 0 <= threshold <= 255 and first_cell >= 0")
+        if self.head_up and not self.aboard:
+            raise ConfigError("radar: head_up is for one that is aboard a vessel")
         if self.sparse_noise and self.threshold < 1:
             raise ConfigError("radar: sparse_noise and a threshold of 1 or more belong together")
 

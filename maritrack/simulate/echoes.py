@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,10 +51,9 @@ def movers(radar: RadarSettings, vessels: Sequence[Vessel]) -> tuple[Mover, ...]
     """The vessels of a scene as the antenna sees them."""
     found = []
     for vessel in vessels:
-        c = vessel.course()
-        shifted_m = c.position_m - [radar.east_m, radar.north_m]
-        moved = Course(c.begin_m, shifted_m, c.heading_rad, c.curvature_per_m, c.speed_mps, c.depart_s, c.accel_mps2)
-        found.append(Mover(vessel, moved))
+        course = vessel.course()
+        shifted_m = course.position_m - [radar.east_m, radar.north_m]
+        found.append(Mover(vessel, replace(course, position_m=shifted_m)))
     return tuple(found)
 
 

@@ -1,10 +1,12 @@
-"""A scene as a recording: CAT240 video, one record a spoke, and beside it truth, AIS and labelled cells."""
+"""A scene as recordings: CAT240 video, one record a spoke, and beside them truth, AIS and labelled cells."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maritrack.errors import InputError, UsageError
+from maritrack.fanout import fan_out
 from maritrack.geo import C_MPS, TWO_PI, wrap
-from maritrack.io.cat240.encode import encode_video
+from maritrack.io.cat240.encode import VIDEO_ITEMS, encode_video, smallest_item
 from maritrack.simulate.aistable import ais_path, ais_table
 from maritrack.simulate.antenna import RadarSettings
 from maritrack.simulate.echoes import Mover, movers
 from maritrack.simulate.labels import label_file, labels_path
 from maritrack.simulate.radar import Turn, labelled_turn
-from maritrack.simulate.scenery import scenery
+from maritrack.simulate.scenery import Ground, grounds, scenery
 from maritrack.simulate.scenes import Scene
 from maritrack.simulate.sparse import backdrop, sparse_turn
+from maritrack.simulate.stations import aboard, carried, legs, recording_path, sensors_path, sensors_table
+from maritrack.simulate.vessels import Course, Vessel
 from maritrack.types import FloatArray, IntArray
 
 DAY_TICKS = 86400 * 128  # of the time of day
-IDX_AT, AZIMUTH_AT = 8, 12  # in a data block of one record with items 010, 000, 020, 041, ...
+SEED_STEP = 1_000_003  # between the noises of the radars of a scene
+LEVEL = 6  # of deflate
+IDX_AT, AZIMUTH_AT, COUNT_AT, BODY_AT = (
+    8,
+    12,
+    26,
+    32,
+)  # in a data block of one record with items 010, 000, 020, 041, ...
 
 
 def simulate(
@@ -36,59 +48,91 @@ def simulate(
     scans: int | None = None,
     ais: bool = True,
     labels: bool = True,
+    workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Write OUT and beside it what was true; returns what was written.
 
     `<OUT without suffix>.truth.json` always, `.ais.csv` and `.labels.parquet` if wanted. All appear when they are
-    complete. `progress(done, of)` is called after each scan.
+    complete. Of several radars each has a recording and labels of its own, `<OUT>-<name>.cat240`, and
+    `<OUT>.sensors.toml` says where they are; `workers` of them are drawn at a time. `progress(done, of)` is called
+    after each scan, of several radars after each recording.
     """
     n_scans = scene.scans if scans is None else scans
     if n_scans < 1 or seed < 0:
         raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
     rows = truth_rows(scene, n_scans + 1)  # a pass beyond the end, so that truth is known up to it
-    wanted = {"recording": out, "truth": truth_path(out)}
-    wanted |= ({"ais": ais_path(out)} if ais else {}) | ({"labels": labels_path(out)} if labels else {})
-    partial = {key: path.with_name(path.name + ".partial") for key, path in wanted.items()}
+    texts = {truth_path(out): _document(scene, rows)}
+    texts |= {ais_path(out): ais_table(scene, n_scans)} if ais else {}
+    placed = bool(scene.others or scene.radar.aboard)
+    texts |= {sensors_path(out): sensors_table(scene)} if placed else {}
+    recordings = [recording_path(out, radar.name) if scene.others else out for radar in scene.radars]
+    jobs = [
+        _Station(scene, i, path, n_scans, seed, labels, None if scene.others else progress)
+        for i, path in enumerate(recordings)
+    ]
+    tick = progress if scene.others else None
     try:
-        octets, cells = _write(scene, partial, n_scans, seed=seed, progress=progress)
-        partial["truth"].write_text(_document(scene, rows), "utf-8")
-        reports = ais_table(scene, n_scans) if ais else ""
-        if ais:
-            partial["ais"].write_text(reports, "utf-8")
-        for key, path in wanted.items():
-            partial[key].replace(path)
+        sizes = dict(fan_out(_write, jobs, workers=workers, tick=tick))
+        for path, text in texts.items():
+            _partial(path).write_text(text, "utf-8")
+        cells_in = [labels_path(path) for path in recordings] if labels else []
+        for path in (*recordings, *cells_in, *texts):
+            _partial(path).replace(path)
     except OSError as error:
         raise InputError(f"{out}: {error.strerror or error}") from None
+    octets, cells = (sum(sizes[i][part] for i in range(len(jobs))) for part in (0, 1))
     return {
-        **{key: str(path) for key, path in wanted.items()},
+        "recording": str(recordings[0]),
+        **({"recordings": [str(path) for path in recordings]} if scene.others else {}),
+        **({"sensors": str(sensors_path(out))} if placed else {}),
+        "truth": str(truth_path(out)),
         "octets": octets,
         "scans": n_scans,
-        "records": n_scans * scene.radar.spokes,
+        "records": n_scans * sum(radar.spokes for radar in scene.radars),
         "truth_rows": len(rows),
         "objects": len(scene.vessel),
         "seed": seed,
-        **({"ais_reports": reports.count("\n") - 1} if ais else {}),
-        **({"labelled_cells": cells} if labels else {}),
+        **({"ais": str(ais_path(out)), "ais_reports": texts[ais_path(out)].count("\n") - 1} if ais else {}),
+        **({"labels": str(cells_in[0]), "labelled_cells": cells} if labels else {}),
     }
 
 
-def _write(
-    scene: Scene, paths: Mapping[str, Path], n_scans: int, *, seed: int, progress: Callable[[int, int], None] | None
-) -> tuple[int, int]:
-    """The recording and, where they have a path, the labels; octets and labelled cells."""
+@dataclass(frozen=True, slots=True)
+class _Station:
+    """One recording to be written."""
+
+    scene: Scene
+    index: int  # of the radar
+    path: Path
+    n_scans: int
+    seed: int
+    labels: bool
+    progress: Callable[[int, int], None] | None
+
+
+def _write(job: _Station) -> tuple[int, int]:
+    """Write a recording and, where wanted, its labels under their partial names; octets and labelled cells."""
     octets = cells = 0
+    radar = job.scene.radars[job.index]
+    seen, carrier = aboard(job.scene, radar)
+    bow = carrier.course() if carrier is not None and radar.head_up else None
     with ExitStack() as stack:
-        file = stack.enter_context(paths["recording"].open("wb"))
-        table = stack.enter_context(label_file(paths["labels"], scene)) if "labels" in paths else None
-        for k, heard in enumerate(turns(scene, n_scans, seed=seed, labels=table is not None)):
-            octets += file.write(encode_turn(scene.radar, heard.video, k, start_s=scene.start_s))
+        file = stack.enter_context(_partial(job.path).open("wb"))
+        table = stack.enter_context(label_file(_partial(labels_path(job.path)), seen)) if job.labels else None
+        heard_turns = turns(job.scene, job.n_scans, seed=job.seed, station=job.index, labels=job.labels)
+        for k, heard in enumerate(heard_turns):
+            octets += file.write(encode_turn(radar, heard.video, k, start_s=job.scene.start_s, bow=bow))
             if table is not None:
                 cells += len(heard.cells)
                 table.add(k, heard)
-            if progress is not None:
-                progress(k + 1, n_scans)
+            if job.progress is not None:
+                job.progress(k + 1, job.n_scans)
     return octets, cells
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(path.name + ".partial")
 
 
 def truth_path(recording: Path) -> Path:
@@ -96,25 +140,47 @@ def truth_path(recording: Path) -> Path:
     return recording.with_name(recording.stem + ".truth.json")
 
 
-def turns(scene: Scene, n_scans: int, *, seed: int, labels: bool = True) -> Iterator[Turn]:
-    """What the radar of a scene hears, turn by turn."""
-    radar, fleet = scene.radar, movers(scene.radar, scene.vessel)
-    still = scenery(radar, scene.land, scene.sea, seed=seed)
-    if radar.sparse_noise:
-        behind = backdrop(radar, still)
-        for k in range(n_scans):
-            yield sparse_turn(radar, fleet, behind, scene.sea, k, seed=seed, labels=labels)
+def turns(scene: Scene, n_scans: int, *, seed: int, station: int = 0, labels: bool = True) -> Iterator[Turn]:
+    """What a radar of a scene hears, turn by turn; of several each has noise of its own over the same ground."""
+    seen, carrier = aboard(scene, scene.radars[station])
+    radar, own_seed = seen.radar, seed + SEED_STEP * station
+    maps = grounds(scene.land, seed=seed) if scene.others or carrier is not None else None
+    if carrier is None:
+        yield from _turns_at(seen, radar, range(n_scans), seed=own_seed, maps=maps, labels=labels)
         return
-    for k in range(n_scans):
-        yield labelled_turn(radar, fleet, still, scene.sea, k, seed=seed, labels=labels)
+    for place in legs(radar, carrier, n_scans):
+        at = replace(radar, east_m=place.east_m, north_m=place.north_m)
+        yield from _turns_at(seen, at, place.turns, seed=own_seed, maps=maps, labels=labels, carrier=carrier)
 
 
-def encode_turn(radar: RadarSettings, video: NDArray[np.uint8], k: int, *, start_s: float) -> bytes:
+def _turns_at(
+    scene: Scene, radar: RadarSettings, numbers: range, *, seed: int, maps: Sequence[Ground] | None, labels: bool,
+    carrier: Vessel | None = None,
+) -> Iterator[Turn]:  # fmt: skip
+    """Turns of a radar before the scenery of one place; aboard, it hears vessels from where it is in each turn."""
+    still = scenery(radar, scene.land, scene.sea, seed=seed, maps=maps)
+    behind = backdrop(radar, still) if radar.sparse_noise else None
+    for k in numbers:
+        here = radar if carrier is None else carried(radar, carrier, k)
+        fleet = movers(here, scene.vessel)
+        if behind is not None:
+            yield sparse_turn(here, fleet, behind, scene.sea, k, seed=seed, labels=labels)
+        else:
+            yield labelled_turn(here, fleet, still, scene.sea, k, seed=seed, labels=labels)
+
+
+def encode_turn(
+    radar: RadarSettings, video: NDArray[np.uint8], k: int, *, start_s: float, bow: Course | None = None
+) -> bytes:
     """The records of turn k: femto header, zlib, time of day rounded to 1/128 s, MSG_INDEX from 0.
 
-    Spokes without echo differ in their head and their time only: they are one record, filled in for all at once.
+    Azimuths count from North, or from the bow of the vessel whose course is given. Records of one length have one
+    layout: they are one record, filled in for all at once.
     """
-    borders = np.rint(np.arange(radar.spokes + 1) * 65536.0 / radar.spokes).astype(int) % 65536
+    turned = np.arange(radar.spokes + 1.0) / radar.spokes
+    if bow is not None:
+        turned -= bow.at(radar.turn_s * (k + turned)).heading_rad / TWO_PI
+    borders = np.rint(65536.0 * turned).astype(int) % 65536
     ticks = np.rint((start_s % 86400.0 + radar.times_s(k)) * 128.0).astype(int) % DAY_TICKS
     idx = (k * radar.spokes + np.arange(radar.spokes)) % 2**32
     cell_fs = round(2.0 * radar.cell_m / C_MPS * 1e15)
@@ -133,18 +199,35 @@ def encode_turn(radar: RadarSettings, video: NDArray[np.uint8], k: int, *, start
             tod=int(ticks[j]),
         )
 
-    empty = np.nonzero(~video.any(axis=1))[0]
-    records = dict.fromkeys(range(radar.spokes), b"")
-    if len(empty):
-        first = np.frombuffer(record(int(empty[0])), dtype=np.uint8)
-        rows = np.repeat(first[None], len(empty), axis=0)
-        rows[:, IDX_AT : IDX_AT + 4] = _big_endian(idx[empty], 4)
-        rows[:, AZIMUTH_AT : AZIMUTH_AT + 2] = _big_endian(borders[empty], 2)
-        rows[:, AZIMUTH_AT + 2 : AZIMUTH_AT + 4] = _big_endian(borders[empty + 1], 2)
-        rows[:, -3:] = _big_endian(ticks[empty], 3)
-        octets, size = rows.tobytes(), len(first)
-        records |= {int(j): octets[i * size : (i + 1) * size] for i, j in enumerate(empty)}
-    return b"".join(known or record(j) for j, known in records.items())
+    bodies = _compressed(video)
+    size = np.array([_padded_octets(body) for body in bodies])
+    records: dict[int, bytes] = {}
+    for octets_in in np.unique(size).tolist():
+        alike = np.flatnonzero(size == octets_in)
+        rows = np.repeat(np.frombuffer(record(int(alike[0])), dtype=np.uint8)[None], len(alike), axis=0)
+        rows[:, IDX_AT : IDX_AT + 4] = _big_endian(idx[alike], 4)
+        rows[:, AZIMUTH_AT : AZIMUTH_AT + 2] = _big_endian(borders[alike], 2)
+        rows[:, AZIMUTH_AT + 2 : AZIMUTH_AT + 4] = _big_endian(borders[alike + 1], 2)
+        rows[:, COUNT_AT : COUNT_AT + 2] = _big_endian(np.array([len(bodies[j]) for j in alike]), 2)
+        cells = b"".join(bodies[j].ljust(octets_in, b"\0") for j in alike)
+        rows[:, BODY_AT : BODY_AT + octets_in] = np.frombuffer(cells, np.uint8).reshape(len(alike), octets_in)
+        rows[:, -3:] = _big_endian(ticks[alike], 3)
+        octets, length = rows.tobytes(), rows.shape[1]
+        records |= {int(j): octets[i * length : (i + 1) * length] for i, j in enumerate(alike)}
+    return b"".join(records[j] for j in range(radar.spokes))
+
+
+def _compressed(video: NDArray[np.uint8]) -> list[bytes]:
+    """The cells of each spoke, deflated as `encode_video` does; spokes without echo are all the same."""
+    nothing = zlib.compress(bytes(video.shape[1]), LEVEL)
+    heard = np.asarray(video.any(axis=1)).tolist()
+    return [zlib.compress(row.tobytes(), LEVEL) if any_ else nothing for row, any_ in zip(video, heard, strict=True)]
+
+
+def _padded_octets(body: bytes) -> int:
+    """Octets of the item that holds so many."""
+    unit = VIDEO_ITEMS[smallest_item(len(body))].octets
+    return -(-len(body) // unit) * unit
 
 
 def _big_endian(values: IntArray, octets: int) -> NDArray[np.uint8]:
@@ -160,6 +243,7 @@ def truth_rows(scene: Scene, n_scans: int) -> list[dict[str, Any]]:
         passes_s = pass_times_s(radar, mover, n_scans)
         state = mover.course.at(passes_s)
         near = np.hypot(state.position_m[:, 0], state.position_m[:, 1]) < radar.edges_m[-1]
+        near |= bool(scene.others)  # another radar may see what this one doesn't
         v = mover.vessel
         for i in np.nonzero(near)[0]:
             row: dict[str, Any] = {"id": v.id} | ({"name": v.name} if v.name else {})
@@ -201,7 +285,6 @@ def pass_times_s(radar: RadarSettings, mover: Mover, n_scans: int) -> FloatArray
 
 def _document(scene: Scene, rows: list[dict[str, Any]]) -> str:
     """The truth as maritrack-points/1, a row a line."""
-    radar = scene.radar
     head: Mapping[str, Any] = {
         "format": "maritrack-points/1",
         "frame": "enu",
@@ -213,6 +296,8 @@ def _document(scene: Scene, rows: list[dict[str, Any]]) -> str:
                 "sigma_range_m": round(max(radar.cell_m, radar.pulse_m) / 12**0.5, 3),
                 "sigma_azimuth_deg": round(max(360.0 / radar.spokes, radar.beam_deg) / 12**0.5, 4),
             }
+            for radar in scene.radars
+            if not radar.aboard
         },
         "scans": [],
     }

@@ -14,6 +14,8 @@ from maritrack.simulate.antenna import CLUTTER, LAND, RadarSettings, rng
 from maritrack.simulate.rays import BEAM_REACH, beam, inside_length, returned, through
 from maritrack.types import FloatArray
 
+SPOT_M = 10.0  # squares of the map of the ground
+
 
 @dataclass(frozen=True, kw_only=True)
 class Land:
@@ -54,25 +56,69 @@ class Scenery:
     sea: FloatArray  # (rays, cells) mean clutter
 
 
-def scenery(radar: RadarSettings, lands: Sequence[Land], sea: Sea, *, seed: int) -> Scenery:
-    """Land and mean clutter. The texture of the ground is drawn once: it looks the same in every turn."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """Strong and weak spots of a piece of land, about a mean of 1, on a map that all radars share."""
+
+    corner_m: FloatArray  # (2,) south-west
+    strength: FloatArray  # (rows, columns) squares of SPOT_M
+
+    def at(self, position_m: FloatArray) -> FloatArray:
+        """The strength (...) at positions (..., 2)."""
+        column, row = np.moveaxis(np.floor((position_m - self.corner_m) / SPOT_M).astype(np.int64), -1, 0)
+        rows, columns = self.strength.shape
+        return np.asarray(self.strength[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)])
+
+
+def grounds(lands: Sequence[Land], *, seed: int) -> tuple[Ground, ...]:
+    """The texture of each piece of land as a map."""
+    found = []
+    for i, land in enumerate(lands):
+        outline_m = np.array(land.outline_m)
+        columns, rows = np.ceil(np.ptp(outline_m, axis=0) / SPOT_M).astype(int) + 1
+        strength = rng(seed, LAND, i).standard_gamma(land.spike, (rows, columns)) / land.spike
+        found.append(Ground(outline_m.min(axis=0), strength))
+    return tuple(found)
+
+
+def scenery(
+    radar: RadarSettings, lands: Sequence[Land], sea: Sea, *, seed: int, maps: Sequence[Ground] | None = None
+) -> Scenery:
+    """Land and mean clutter. The texture of the ground is drawn once: it looks the same in every turn.
+
+    It is drawn for the cells of this radar, or taken from `maps`, one for each land, that others share.
+    """
     per_spoke = math.ceil(3.0 * 360.0 / radar.spokes / radar.beam_deg)
-    azimuth_rad, centres_m = radar.azimuths_rad(per_spoke), radar.centres_m
+    azimuth_rad, centres_m, place_m = radar.azimuths_rad(per_spoke), radar.centres_m, [radar.east_m, radar.north_m]
     shape, arc_m = (len(azimuth_rad), radar.cells), TWO_PI / len(azimuth_rad) * centres_m
-    pieces = [np.array(land.outline_m) - [radar.east_m, radar.north_m] for land in lands]
-    passes = [through(inside_length(p, azimuth_rad, centres_m) / a.reach_m) for p, a in zip(pieces, lands, strict=True)]
-    passed = np.prod([p for p, a in zip(passes, lands, strict=True) if not a.high], axis=0) * np.ones(shape)
+    pieces = [np.array(land.outline_m) - place_m for land in lands]
+    hit = [np.nonzero(inside_length(p, azimuth_rad, radar.edges_m[-1:])[:, 0] > 0.0)[0] for p in pieces]
+    depths = [
+        inside_length(p, azimuth_rad[rows], centres_m) / a.reach_m
+        for p, rows, a in zip(pieces, hit, lands, strict=True)
+    ]
+    depth = np.zeros(shape)  # in units of reach, of all land that hides
+    for land, rows, own in zip(lands, hit, depths, strict=True):
+        if not land.high:
+            depth[rows] += own
     ground = np.zeros(shape)
-    for i, (outline_m, land) in enumerate(zip(pieces, lands, strict=True)):
-        rows = np.nonzero(inside_length(outline_m, azimuth_rad, radar.edges_m[-1:])[:, 0] > 0.0)[0]
+    for i, (outline_m, land, rows) in enumerate(zip(pieces, lands, hit, strict=True)):
         share = returned(outline_m, azimuth_rad[rows], radar.edges_m, reach_m=land.reach_m, pulse_m=radar.pulse_m)
         share *= land.rcs_m2_per_m * arc_m * radar.range_law(centres_m)
-        share *= rng(seed, LAND, i).standard_gamma(land.spike, share.shape) / land.spike
-        for j, (before, other) in enumerate(zip(passes, lands, strict=True)):
-            if j != i and not land.high and not other.high:
-                share *= before[rows]
+        if maps is None:
+            share *= rng(seed, LAND, i).standard_gamma(land.spike, share.shape) / land.spike
+        else:
+            share *= maps[i].at(place_m + centres_m[:, None] * _ahead(azimuth_rad[rows])[:, None])
+        if not land.high:
+            share *= through(depth[rows] - depths[i])
         ground[rows] += share
+    passed = through(depth)
     return Scenery(per_spoke, ground, passed, passed * _sea_mean(radar, sea, azimuth_rad))
+
+
+def _ahead(azimuth_rad: FloatArray) -> FloatArray:
+    """Unit vectors (n, 2) of directions."""
+    return np.stack([np.sin(azimuth_rad), np.cos(azimuth_rad)], axis=-1)
 
 
 def _sea_mean(radar: RadarSettings, sea: Sea, azimuth_rad: FloatArray) -> FloatArray:

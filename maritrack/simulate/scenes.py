@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from maritrack.config import build
 from maritrack.errors import ConfigError
@@ -27,6 +28,7 @@ class Scene:
     lon_deg: float
     scans: int
     radar: RadarSettings
+    others: tuple[RadarSettings, ...] = ()  # further radars of the same world
     sea: Sea = field(default_factory=Sea)
     land: tuple[Land, ...] = ()
     vessel: tuple[Vessel, ...] = ()
@@ -44,6 +46,19 @@ class Scene:
             raise ConfigError(f"two vessels are called '{twice[0]}'")
         if LAND_ID in ids:
             raise ConfigError(f"no vessel is called '{LAND_ID}': labels call land so")
+        names = [radar.name for radar in self.radars]
+        if self.others and ("" in names or len(set(names)) < len(names)):
+            raise ConfigError("several radars have names, each its own")
+        if len({(radar.sac, radar.sic) for radar in self.radars}) < len(names):
+            raise ConfigError("several radars differ in sac and sic")
+        for radar in self.radars:
+            if radar.aboard and radar.aboard not in ids:
+                raise ConfigError(f"radar '{radar.name}' is aboard '{radar.aboard}', which is no vessel of the scene")
+
+    @property
+    def radars(self) -> tuple[RadarSettings, ...]:
+        """All radars, each with a recording of its own."""
+        return (self.radar, *self.others)
 
     @property
     def start_s(self) -> float:
@@ -68,7 +83,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     else:
         raise ConfigError(f"no scene '{name}'", hint="scenes: " + ", ".join(known) + "; or a path to a .toml file")
     try:
-        scene: Scene = build(Scene, tomllib.loads(text), "")
+        scene: Scene = build(Scene, _first_apart(tomllib.loads(text)), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: {error}") from None
     except ConfigError as error:
@@ -76,6 +91,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
     for vessel in scene.vessel:
         vessel.course()  # turns that do not fit are told here, not after the first scan
     return scene
+
+
+def _first_apart(table: dict[str, Any]) -> dict[str, Any]:
+    """The table of a scene in which several `[[radar]]` are the first one and the others."""
+    radars = table.get("radar")
+    if isinstance(radars, list) and radars:
+        return {**table, "radar": radars[0], "others": radars[1:]}
+    return table
 
 
 def _read(path: Path) -> str:

@@ -7,7 +7,7 @@ second, separate law (moored, speeding up, steady). Lengths in metres, time in s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,11 +41,13 @@ class Course:
     speed_mps: float
     depart_s: float  # at rest until then
     accel_mps2: float  # inf = at full speed at once
+    end_m: float = math.inf  # comes to rest there ...
+    brake_mps2: float = math.inf  # ... slowing down by this
 
     def at(self, t_s: FloatArray) -> State:
         """Position, velocity and heading at each time (t,)."""
         t_s = np.asarray(t_s, dtype=np.float64)
-        along_m, speed_mps = _along(self, np.maximum(t_s - self.depart_s, 0.0))
+        along_m, speed_mps = _braked(self, *_along(self, np.maximum(t_s - self.depart_s, 0.0)))
         piece = np.searchsorted(self.begin_m, along_m, side="right") - 1
         piece = np.maximum(piece, 0)
         step_m = along_m - self.begin_m[piece]
@@ -65,6 +67,18 @@ def _along(course: Course, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     rising_s = np.minimum(tau_s, full_s)
     along_m = 0.5 * course.accel_mps2 * rising_s**2 + course.speed_mps * (tau_s - rising_s)
     return along_m, course.accel_mps2 * rising_s
+
+
+def _braked(course: Course, along_m: FloatArray, speed_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance and speed (t,) of a vessel that stops at the end of its way, from those of one that goes on."""
+    if math.isinf(course.end_m):
+        return along_m, speed_mps
+    way_m = 0.5 * course.speed_mps**2 / course.brake_mps2  # from full speed to rest
+    over_s = np.clip((along_m - (course.end_m - way_m)) / course.speed_mps, 0.0, course.speed_mps / course.brake_mps2)
+    braking = over_s > 0.0
+    slower_mps = course.speed_mps - course.brake_mps2 * over_s
+    braked_m = course.end_m - 0.5 * slower_mps**2 / course.brake_mps2
+    return np.where(braking, braked_m, along_m), np.where(braking, slower_mps, speed_mps)
 
 
 def _unit(heading_rad: FloatArray) -> FloatArray:
@@ -120,15 +134,20 @@ def _alternate(legs: FloatArray, arcs: FloatArray) -> FloatArray:
 
 def depart(course: Course, *, at_s: float, accel_mps2: float) -> Course:
     """The same path, at rest until a time, then speeding up to the speed of the course."""
-    return Course(
-        course.begin_m,
-        course.position_m,
-        course.heading_rad,
-        course.curvature_per_m,
-        course.speed_mps,
-        at_s,
-        accel_mps2,
-    )
+    return replace(course, depart_s=at_s, accel_mps2=accel_mps2)
+
+
+def arrive(course: Course, *, at_m: FloatArray, brake_mps2: float) -> Course:
+    """The same path, slowing down so that it ends at a place (2,) on its last leg.
+
+    Raises ConfigError where the way is too short to reach full speed and to stop.
+    """
+    end_m = float(course.begin_m[-1] + np.hypot(*(np.asarray(at_m) - course.position_m[-1])))
+    rising_m = 0.0 if math.isinf(course.accel_mps2) else 0.5 * course.speed_mps**2 / course.accel_mps2
+    way_m = rising_m + 0.5 * course.speed_mps**2 / brake_mps2
+    if end_m < way_m:
+        raise ConfigError(f"a way of {end_m:.0f} m is too short to speed up and to stop in: {way_m:.0f} m")
+    return replace(course, end_m=end_m, brake_mps2=brake_mps2)
 
 
 def hull(state: State, *, length_m: float, width_m: float) -> FloatArray:
@@ -156,10 +175,12 @@ class Vessel:
     heading_deg: float = 0.0  # where there is one waypoint only
     depart_s: float = 0.0
     accel_mps2: float = math.inf
+    brake_mps2: float = math.inf  # stops at its last waypoint, slowing down by this; inf = goes straight on
     ais: bool = True  # tells others where it is
+    antenna_m: tuple[float, ...] = (0.0, 0.0)  # of AIS: ahead and to starboard of the middle of the hull
 
     def __post_init__(self) -> None:
-        for name in ("length_m", "width_m", "rcs_m2", "fade", "turn_deg_per_s", "accel_mps2"):
+        for name in ("length_m", "width_m", "rcs_m2", "fade", "turn_deg_per_s", "accel_mps2", "brake_mps2"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"vessel '{self.id}': {name} must be greater than 0")
         if not self.waypoints_m or any(len(p) != 2 for p in self.waypoints_m):
@@ -168,6 +189,9 @@ class Vessel:
             raise ConfigError(f"vessel '{self.id}': a speed and at least two waypoints belong together")
         if self.depart_s < 0.0:
             raise ConfigError(f"vessel '{self.id}': depart_s must not be negative")
+        aboard = [abs(a) <= size / 2 for a, size in zip(self.antenna_m, (self.length_m, self.width_m), strict=False)]
+        if len(self.antenna_m) != 2 or not all(aboard):
+            raise ConfigError(f"vessel '{self.id}': antenna_m is [ahead, starboard] of the middle, within the hull")
 
     def course(self) -> Course:
         """The path and the law of speed that the settings mean."""
@@ -176,6 +200,8 @@ class Vessel:
             return moored(points_m[0], heading_rad=math.radians(self.heading_deg))
         try:
             path = through(points_m, speed_mps=self.speed_mps, turn_rad_per_s=math.radians(self.turn_deg_per_s))
+            path = depart(path, at_s=self.depart_s, accel_mps2=self.accel_mps2)
+            stops = math.isfinite(self.brake_mps2)
+            return arrive(path, at_m=points_m[-1], brake_mps2=self.brake_mps2) if stops else path
         except ConfigError as error:
             raise ConfigError(f"vessel '{self.id}': {error}") from None
-        return depart(path, at_s=self.depart_s, accel_mps2=self.accel_mps2)

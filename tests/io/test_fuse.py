@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import ConfigError, UsageError
-from maritrack.io.fuse import merge_sources
+from maritrack.io.fuse import in_steps, merge_sources
 from maritrack.io.sensors import for_input, load_sensors, parse_sensors
 from maritrack.settings import InputConfig
 from maritrack.types import Frame, Origin, Scan, Sensor
@@ -98,3 +98,14 @@ def test_what_is_not_understood_is_refused_by_name(text: str, says: str) -> None
 def test_a_file_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.toml"):
         load_sensors(tmp_path / "none.toml", base=BASE)
+
+
+def test_scans_of_a_step_are_of_one_instant_and_steps_of_zero_change_nothing() -> None:
+    times = [100, 130, 200, 201, 340]
+    frames = [
+        Frame(k, Scan(Sensor("a", 0.0, 0.0, math.inf), t, t - 50, np.zeros(2), math.nan)) for k, t in enumerate(times)
+    ]
+    assert list(in_steps(iter(frames), 0.0)) == frames
+    moved = [frame.scan for frame in in_steps(iter(frames), 100e-9)]
+    assert [scan.t_ns for scan in moved] == [100, 200, 200, 300, 400]
+    assert all(scan.t_start_ns == scan.t_ns for scan in moved)
