@@ -89,6 +89,7 @@ def test_the_number_of_clusters_is_compared_with_objects_that_show() -> None:
     assert count_difference(np.array([5, 5, 7, -1]), np.array([0, 1, 2, -1])) == 1
     assert count_difference(np.array([5, 5, 7, -1]), np.array([0, 0, -1, -1])) == -1
     assert count_difference(np.array([-1, -1]), np.array([0, 0])) == 1  # a cluster of noise
+    assert count_difference(np.array([4, 4, -2, -2]), np.zeros(4, int)) == 0  # half of it unknown: still one
     assert count_difference(np.zeros(0, int), np.zeros(0, int)) == 0
 
 

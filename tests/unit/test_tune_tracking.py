@@ -98,8 +98,8 @@ def test_recordings_weigh_the_same_and_switches_add_up(tmp_path: Path) -> None:
     (once,) = study(twice[:1], grid({"model.p_detect": (0.9,)}), by="gospa")
     assert len(row.by_recording) == 2 and row.metrics["gospa"] == once.metrics["gospa"]
     assert row.metrics["switches"] == 2 * once.metrics["switches"]
-    mixed = Row(0, {}, tracking._mean([{"gospa": 1.0, "a": 0.0}, {"gospa": 3.0}]), ())
-    assert mixed.metrics == {"gospa": 2.0}
+    mixed = Row(0, {}, tracking._mean([{"gospa": 1.0, "switches": 2.0, "a": 0.0}, {"gospa": 3.0, "switches": 3.0}]), ())
+    assert mixed.metrics == {"gospa": 2.0, "switches": 5.0}
 
 
 def test_one_truth_for_each_recording_or_none(tmp_path: Path) -> None:
