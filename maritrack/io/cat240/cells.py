@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,27 +171,53 @@ def unpack(octets: NDArray[np.uint8], *, bits: int, n: int) -> Cells:
     return cells[:, :n]
 
 
-def exact_cells(data: bytes, record: Video) -> tuple[Cells | None, Trouble | None]:
+class Sent(NamedTuple):
+    """What there is to know about the cells of one record."""
+
+    first: int  # the valid octets
+    stop: int
+    compressed: bool
+    bits: int
+    most: int  # cells that it can hold
+    nbcells: int | None  # as declared
+    nbvb: int | None
+
+    @classmethod
+    def of(cls, record: Video) -> Sent:
+        """The cells of an exact record."""
+        return cls(
+            record.first, record.stop, record.compressed, record.bits, record.most_cells, record.nbcells, record.nbvb
+        )
+
+    @classmethod
+    def usual(cls, row: np.void) -> Sent:
+        """The cells of a record of the usual make."""
+        told = dict(zip(COLUMNS, row.item(), strict=True))
+        first, octets, n = told["first"], told["octets"], told["n_cells"]
+        return cls(first, first + octets, told["compressed"] > 0, told["bits"], n, n, octets)
+
+
+def exact_cells(data: bytes, sent: Sent) -> tuple[Cells | None, Trouble | None]:
     """The cells of one record (n,), None where they have to be dropped, and what is wrong with them."""
-    n, trouble = record.most_cells, None
-    packed: bytes | None = data[record.first : record.stop]
-    if packed is not None and record.compressed and (packed or record.nbcells != 0):
-        packed, trouble = _inflate(packed, n, record)
+    n, trouble = sent.most, None
+    packed: bytes | None = data[sent.first : sent.stop]
+    if packed is not None and sent.compressed and (packed or sent.nbcells != 0):
+        packed, trouble = _inflate(packed, sent)
     if packed is None:
         return None, trouble
-    held = len(packed) * 8 // record.bits
-    if trouble is None and record.nbcells is not None and held < record.nbcells:
-        trouble = ("cells-short", f"{record.nbcells} cells are declared, the octets hold {held}")
-    octets = -(-record.nbcells * record.bits // 8) if record.nbcells is not None else 0
-    if not record.compressed and record.nbvb == record.stop - record.first > octets:
-        trouble = ("cells-long", f"{record.nbcells} cells are declared, {record.nbvb} octets are valid")
+    held = len(packed) * 8 // sent.bits
+    if trouble is None and sent.nbcells is not None and held < sent.nbcells:
+        trouble = ("cells-short", f"{sent.nbcells} cells are declared, the octets hold {held}")
+    octets = -(-sent.nbcells * sent.bits // 8) if sent.nbcells is not None else 0
+    if not sent.compressed and sent.nbvb == sent.stop - sent.first > octets:
+        trouble = ("cells-long", f"{sent.nbcells} cells are declared, {sent.nbvb} octets are valid")
     n = min(n, held)
-    return unpack(np.frombuffer(packed, dtype=np.uint8)[None, :], bits=record.bits, n=n)[0], trouble
+    return unpack(np.frombuffer(packed, dtype=np.uint8)[None, :], bits=sent.bits, n=n)[0], trouble
 
 
-def _inflate(packed: bytes, n: int, record: Video) -> tuple[bytes | None, Trouble | None]:
-    """The octets of `n` cells out of a zlib stream, never many more than that."""
-    most = n * record.bits + 7 >> 3
+def _inflate(packed: bytes, sent: Sent) -> tuple[bytes | None, Trouble | None]:
+    """The octets of the cells out of a zlib stream, never many more than that."""
+    n, most = sent.most, sent.most * sent.bits + 7 >> 3
     stream = zlib.decompressobj()
     try:
         octets = stream.decompress(packed, most + 1)
@@ -199,7 +225,7 @@ def _inflate(packed: bytes, n: int, record: Video) -> tuple[bytes | None, Troubl
         octets = b"" if _is_zlib(packed) else _inflate_bare(packed, most)
         return (octets, None) if octets else (None, ("zlib-error", f"cells can't be inflated: {error}"))
     if len(octets) > most:
-        if n == MAX_CELLS and record.nbcells != n:
+        if n == MAX_CELLS and sent.nbcells != n:
             return octets[:most], ("cells-capped", f"more than {MAX_CELLS} cells")
         return octets[:most], ("inflates-beyond-declared", f"the cells inflate to more than the {n} declared")
     if not stream.eof:

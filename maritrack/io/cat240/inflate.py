@@ -40,8 +40,8 @@ def inflate(source: memoryview, first: Places, stop: Places, target: memoryview,
     spans = zip(range(0, len(target), n), first, stop, strict=True)
     failed = []
     while (to := _quickly(source, spans, target, n, freely=freely)) >= 0:
-        freely = False
-        octets = _bounded(source[first[to // n] : stop[to // n]], n)
+        judged, freely = freely and not LIBDEFLATE, False  # zlib itself refuses it
+        octets = None if judged else _bounded(source[first[to // n] : stop[to // n]], n)
         if octets is None:
             failed.append(to // n)
         else:

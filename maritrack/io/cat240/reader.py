@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from maritrack.io.cat240.cells import (
     ROW,
     Cells,
     Rows,
+    Sent,
     cell_type,
     exact_cells,
     keep_memory,
@@ -33,7 +34,7 @@ from maritrack.io.cat240.cells import (
     start_cells,
     take_rows,
 )
-from maritrack.io.cat240.exact import Summary, Video, parse_block
+from maritrack.io.cat240.exact import Summary, Video
 from maritrack.io.cat240.framing import Window, pieces, window
 from maritrack.io.cat240.items import Trouble
 from maritrack.io.cat240.order import Memory, screen
@@ -321,9 +322,8 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
         if not affordable[i]:
             n_cells[i], troubles[i] = -1, [("inflation-budget", "the input inflates to too many cells")]
             continue
-        row = rows[i]
-        record = videos[row["record"]] if row["record"] >= 0 else _reread(w, row)
-        found, trouble = exact_cells(w.data, record)
+        record = videos[rows["record"][i]] if rows["record"][i] >= 0 else None
+        found, trouble = exact_cells(w.data, Sent.usual(rows[i]) if record is None else Sent.of(record))
         told = [] if trouble is None else [trouble]
         state.trusting &= trouble is None or trouble[0] != "inflates-beyond-declared"
         cells[i] = 0
@@ -331,14 +331,10 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
             n_cells[i], troubles[i] = -1, told
             continue
         n_cells[i], cells[i, : len(found)] = len(found), found
-        if told or record.troubles:
-            troubles[i] = [*record.troubles, *told]
+        before = () if record is None else record.troubles
+        if told or before:
+            troubles[i] = [*before, *told]
     return cells, n_cells, troubles
-
-
-def _reread(w: Window, row: Any) -> Video:
-    """The exact record of a row of the usual make."""
-    return parse_block(w, int(row["block"]), int(row["block_end"])).videos[0]
 
 
 def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray, stream: IntArray) -> Radials:

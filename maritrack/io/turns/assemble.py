@@ -16,7 +16,7 @@ import numpy as np
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.datagrams import Stream
 from maritrack.io.turns.spokes import DayCount
-from maritrack.io.turns.stream import FREE_SCANS, Cut, SensorStream
+from maritrack.io.turns.stream import FREE_SCANS, Cut, SensorStream, TurnBudget
 from maritrack.types import Damage, IntArray
 
 MAX_SENSORS = 64
@@ -32,6 +32,7 @@ class Assembler:
         self._names: dict[int, str] = {}  # by stream, SAC and SIC
         self._streams: dict[str, SensorStream] = {}
         self._days: list[DayCount] = []
+        self._budget = TurnBudget()
         self._seq = 0
 
     def push(self, radials: Radials) -> Iterator[Cut]:
@@ -76,7 +77,8 @@ class Assembler:
     def _stream(self, name: str) -> SensorStream:
         if name not in self._streams:
             self._days.append(DayCount(others=self._days[:]))
-            self._streams[name] = SensorStream(name, self._days[-1], free_scans=FREE_SCANS // len(self._days))
+            free = FREE_SCANS // len(self._days)
+            self._streams[name] = SensorStream(name, self._days[-1], free_scans=free, budget=self._budget)
         return self._streams[name]
 
 

@@ -6,7 +6,8 @@ where the range scale changes, after a silence, and when it grows too large. A s
 next one has come, because a single wrong azimuth, time or range scale shows only then. Of spokes with
 the same START and END azimuths in a turn the last one counts.
 
-No antenna turns within a few spokes: after FREE_SCANS such turns, one has at least LEAST_SPOKES.
+No antenna turns within a few spokes: after FREE_SCANS such turns, one has at least LEAST_SPOKES. All spokes of a turn
+are filled up to the widest: where the turns of an input get too large for its size, they are left out (`turn-budget`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maritrack.io.cat240.cells import cell_type
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.turns.shortruns import MAX_TICKS, ShortRuns
 from maritrack.io.turns.spokes import (
@@ -41,9 +43,10 @@ from maritrack.io.turns.turn import OpenTurn, Turn, findings, last_of_repeats
 from maritrack.types import Damage, IntArray, take
 
 MAX_SPOKES = 65_536  # of a turn
-MAX_CELLS = 1 << 27  # of a turn, padding included
+MAX_CELLS = 3 << 25  # of a turn, padding included; of 16 bit half as many, of 32 bit a quarter
 SILENT_TURNS = 3
 FREE_SCANS, LEAST_SPOKES = 256, 128
+BUDGET_FLOOR, BUDGET_RATIO = 1 << 28, 256  # octets of cells in turns, and more for each octet of input
 WIDER = 2  # a turn with cells this much further out, or less far, than the last is a new segment
 END_OF_INPUT = int(np.iinfo(np.int64).max)
 HELD = -1  # in place of a row: the spoke that was held back
@@ -59,13 +62,30 @@ class Cut:
     damage: tuple[Damage, ...]
 
 
+@dataclass(slots=True)
+class TurnBudget:
+    """What the turns of all sensors of an input may take together."""
+
+    used: int = 0  # octets of cells
+
+    def allows(self, octets: int, place: int) -> bool:
+        """Whether a turn may have so many more, now that the input is read up to an octet; then they are used."""
+        if self.used + octets > BUDGET_FLOOR + BUDGET_RATIO * place:
+            return False
+        self.used += octets
+        return True
+
+
 class SensorStream:
     """The spokes of one sensor, cut into turns. Memory: one turn and the block being read."""
 
-    def __init__(self, sensor: str, days: DayCount, *, free_scans: int = FREE_SCANS) -> None:
+    def __init__(
+        self, sensor: str, days: DayCount, *, free_scans: int = FREE_SCANS, budget: TurnBudget | None = None
+    ) -> None:
         self.sensor = sensor
         self.segment = 0
         self._free = free_scans
+        self._budget = TurnBudget() if budget is None else budget
         self._idx: int | None = None
         self._held: Radials | None = None  # the last spoke: judged when the next one has come
         self._held_row = np.zeros(0, SPOKE)
@@ -180,9 +200,10 @@ class SensorStream:
         """The first row from `start` on that the open turn has no room for, or `end`."""
         opened, rows = self._open, table[start:end]
         first = min(end, start + MAX_SPOKES - opened.n)
-        if (opened.n + len(rows)) * max(opened.widest, int(rows["n_cells"].max(initial=0))) > MAX_CELLS:
+        most = MAX_CELLS // max(int(rows["bits"].max(initial=0)) >> 3, 1)
+        if (opened.n + len(rows)) * max(opened.widest, int(rows["n_cells"].max(initial=0))) > most:
             widest = np.maximum(np.maximum.accumulate(rows["n_cells"]), opened.widest)
-            full = np.arange(opened.n + 1, opened.n + 1 + len(rows)) * widest > MAX_CELLS
+            full = np.arange(opened.n + 1, opened.n + 1 + len(rows)) * widest > most
             first = min(first, start + int(np.argmax(full)))
         known = rows["tick"] != NO_TICK
         begin = opened.tick if opened.tick != NO_TICK else int(rows["tick"][np.argmax(known)]) if known.any() else 0
@@ -259,13 +280,18 @@ class SensorStream:
             self._widest = 0
         return Cut(found, offset, turn, tuple(damage))
 
-    def _turn(self, opened: OpenTurn, spokes: Spokes, t_ns: IntArray) -> tuple[Turn, list[Damage]]:
+    def _turn(self, opened: OpenTurn, spokes: Spokes, t_ns: IntArray) -> tuple[Turn | None, list[Damage]]:
         """The turn without odd spokes and repeats, and what is to say about it."""
         if spokes["odd"].any():
             spokes, t_ns = spokes[~spokes["odd"]], t_ns[~spokes["odd"]]
         widest = int(spokes["n_cells"].max())
+        octets = len(spokes) * widest * cell_type(int(spokes["bits"][0])).itemsize
+        if not self._budget.allows(octets, int(spokes["offset"][-1])):
+            message = f"a turn of {len(spokes)} spokes of {widest} cells: more than an input of this size may have"
+            return None, [Damage("turn-budget", int(spokes["offset"][0]), message, self.sensor, len(spokes))]
         damage = self._resized(widest, spokes)
         cells, last = opened.cells(widest, int(spokes["bits"][0])), last_of_repeats(spokes)
+        opened.pieces.clear()  # they are as large again
         if not last.all():
             first = int(spokes["offset"][np.argmin(last)])
             message = f"{int((~last).sum())} spokes came again in the same turn: the last ones count"

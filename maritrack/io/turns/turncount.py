@@ -136,7 +136,8 @@ class TurnCount:
             if self._open.n == 0:
                 setting = changes.pop(0)[1] if changes and changes[0][0] == start else setting
                 begins.append((start, int(s.turn[start]), self._joins))
-            end, why = self._end(s, start, changes[0][0] if changes else len(s), limits)
+            most = MAX_CELLS // max(setting.bits >> 3, 1)
+            end, why = self._end(s, start, changes[0][0] if changes else len(s), limits._replace(most_cells=most))
             if end > start:
                 self._extend(s, start, end)
             if end < len(s):
@@ -222,9 +223,9 @@ class TurnCount:
         """The first row from `start` on that the open turn has no room for, or `end`."""
         o, n = self._open, end - start
         first = min(end, start + MAX_SPOKES - o.n)
-        if (o.n + n) * max(o.widest, limits.n_cells) > MAX_CELLS:
+        if (o.n + n) * max(o.widest, limits.n_cells) > limits.most_cells:
             widest = np.maximum(np.maximum.accumulate(s.n_cells[start:end]), o.widest)
-            full = np.append(np.arange(o.n + 1, o.n + 1 + n) * widest > MAX_CELLS, True)
+            full = np.append(np.arange(o.n + 1, o.n + 1 + n) * widest > limits.most_cells, True)
             first = min(first, start + int(np.argmax(full)))
         tick = s.tick[start:end]
         known = tick != NO_TICK
@@ -311,6 +312,7 @@ class _Limits(NamedTuple):
     n_cells: int
     silence: int  # ticks
     long: bool  # it may last longer than a turn
+    most_cells: int = MAX_CELLS  # of a turn
 
 
 def _limits(s: Swept, begin: int) -> _Limits:
