@@ -227,6 +227,24 @@ def test_a_hostile_record_is_damage_and_costs_nothing_else(name: str) -> None:
             assert read_mcap(hostile, sizes) == got
 
 
+def test_without_chunks_a_broken_record_costs_a_few_messages() -> None:
+    file, payloads = io.BytesIO(), videos(400)
+    writer = Writer(file, use_chunking=False)
+    writer.start()
+    radar = writer.register_channel("/radar", "", 0)
+    for i, payload in enumerate(payloads):
+        writer.add_message(radar, START_NS + i, payload, START_NS + i)
+    writer.finish()  # type: ignore[no-untyped-call]
+    octets = bytearray(file.getvalue())
+    place = octets.index(payloads[100]) - 22 - 9
+    octets[place : place + 9] = b"\xee" * 9
+    got = read_mcap(bytes(octets))
+    assert got.codes == ["archive-record"]
+    assert got.payloads[:99] == payloads[:99] and got.payloads[-290:] == payloads[-290:]
+    for sizes in ([1000], [7, 40_000]):
+        assert read_mcap(bytes(octets), sizes) == got
+
+
 def test_octets_behind_the_end_are_told() -> None:
     octets = written(GRAMS)
     got = read_mcap(octets + b"more")

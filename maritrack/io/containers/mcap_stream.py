@@ -1,7 +1,8 @@
 """The records of an MCAP stream that can be read only once, also where it is damaged or cut short.
 
-A record is believed if its lengths fit each other and, short of chunks, if what follows it can be a record; after
-a broken one the reading goes on at the next chunk. Memory: the largest record (32 MiB and a little) twice.
+A record is believed if its lengths fit each other and, short of chunks, if what follows it can be a record; after a
+broken one the reading goes on at the next chunk, in a file without chunks at the next message. Memory: the largest
+record (32 MiB and a little) twice.
 Written from the MCAP specification.
 """
 
@@ -39,6 +40,7 @@ MAX_SMALL = 1 << 24  # of other records
 DULL = frozenset((1, 3, 7, 8, 10, 11, 13, 14))  # opcodes of what is known anyway, or is for other readers
 PRIVATE = 128  # opcodes from here on are anybody's
 FIRST_SEARCH = 4096
+FOLLOWERS = 3  # records that have to follow a message outside of a chunk
 LEAST = {CHUNK: CHUNK_HEAD - 4, MESSAGE: 22, DATA_END: 4, FOOTER: 20}  # octets
 MOST = {MESSAGE: MAX_UNPACKED, ATTACHMENT: 1 << 62, DATA_END: 4, FOOTER: 20}
 READ = (CHUNK, MESSAGE, CHANNEL, METADATA)
@@ -59,6 +61,7 @@ def records(chunks: Iterable[bytes], tell: Tell) -> Iterator[Record]:
     """Records of the stream up to its end; NOTHING now and then, where there is none for a while, and at the end."""
     pull = Pull(chunks)
     whole, broken, finished = pull.take(len(MAGIC)) == MAGIC, 0, False
+    chunked = False  # messages outside of chunks are then inside of a broken one
     if not whole:
         tell("archive-record", 0, "not the beginning of an MCAP file")
     while not finished and pull.has(1):
@@ -73,10 +76,10 @@ def records(chunks: Iterable[bytes], tell: Tell) -> Iterator[Record]:
             if opcode in (CHANNEL, METADATA) and length <= MAX_SMALL and pull.has(RECORD.size + length):
                 octets, at = pull.window(RECORD.size + length)  # it may be what follows it that is broken
                 yield Record(pull.offset, opcode, octets[at + RECORD.size : at + RECORD.size + length], pull.offset)
-            yield from _search(pull, tell, given_up=broken > MAX_DAMAGE)
+            yield from _search(pull, tell, chunked=chunked, given_up=broken > MAX_DAMAGE)
             finished = not pull.has(1)
         elif opcode in READ and length <= MAX_PACKED:
-            offset = pull.offset
+            offset, chunked = pull.offset, chunked or opcode == CHUNK
             pull.skip(RECORD.size)
             yield Record(offset, opcode, pull.take(length), pull.offset)
         else:
@@ -191,16 +194,17 @@ def _check_crc(pull: Pull, tell: Tell) -> None:
         tell("archive-crc", pull.offset, "the octets before do not match their CRC")
 
 
-def _search(pull: Pull, tell: Tell, *, given_up: bool) -> Iterator[Record]:
-    """Go on to the next chunk that looks sound, or to the end."""
+def _search(pull: Pull, tell: Tell, *, chunked: bool, given_up: bool) -> Iterator[Record]:
+    """Go on to the next chunk that looks sound, message where there are no chunks, or to the end."""
     first, found, span = pull.offset, False, FIRST_SEARCH
     pull.skip(1)
     while not found and pull.has(1):
         octets, at = pull.window(span)
         window = octets[at : at + span]
-        chunks = [] if given_up else _chunks_in(window)
-        found = len(chunks) > 0
-        pull.skip(chunks[0] if found else span - LOOK + 1 if pull.has(span + 1) else len(window))
+        places = [] if given_up else _chunks_in(window)
+        places += [] if given_up or chunked else _messages_in(window)
+        found = len(places) > 0
+        pull.skip(min(places) if found else span - LOOK + 1 if pull.has(span + 1) else len(window))
         span = min(4 * span, PIECE)
         yield Record(first, NOTHING, b"", pull.offset)
     if found:
@@ -221,6 +225,24 @@ def _chunks_in(window: bytes) -> list[int]:
     for high in (5, 6, 7, 8, RECORD.size + 29, RECORD.size + 30, RECORD.size + 31):  # octets of lengths that are small
         likely &= u8[high : high + n] == 0
     return [at for at in np.flatnonzero(likely).tolist() if _possible(window, at)]
+
+
+def _messages_in(window: bytes) -> list[int]:
+    """Places where a message begins that other records follow."""
+    u8 = np.frombuffer(window, dtype=np.uint8)
+    n = len(u8) - RECORD.size + 1
+    likely = u8[: max(n, 0)] == MESSAGE
+    for high in (5, 6, 7, 8):
+        likely &= u8[high : high + n] == 0
+    at = first = np.flatnonzero(likely)
+    for _ in range(FOLLOWERS):
+        length = sum(u8[at + 1 + i].astype(np.int64) << 8 * i for i in range(4))
+        after = at + RECORD.size + length
+        sound = (length <= MAX_UNPACKED) & (after < n) & ((u8[at] != MESSAGE) | (length >= LEAST[MESSAGE]))
+        first, at = first[sound], after[sound]
+        known = (u8[at] > NOTHING) & (u8[at] <= DATA_END) & (u8[at + 5] | u8[at + 6] | u8[at + 7] | u8[at + 8] == 0)
+        first, at = first[known], at[known]
+    return [int(place) for place in first[:1]]
 
 
 def _pass(pull: Pull, n: int) -> Iterator[Record]:
