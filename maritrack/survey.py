@@ -50,7 +50,7 @@ from maritrack.io.containers.skim import Skim
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
 from maritrack.io.source import Octets
 from maritrack.io.turns.spokes import SILENCE, TICK_NS, TURN, DayCount
-from maritrack.io.turns.stream import FREE_SCANS
+from maritrack.io.turns.stream import FREE_SCANS, TurnBudget
 from maritrack.io.turns.turnclock import middle
 from maritrack.io.turns.turncount import Grid, TurnCount
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, take
@@ -142,6 +142,7 @@ class _Found:
     damage: dict[tuple[str, str], Damage] = field(default_factory=dict)  # by code and sensor; their number in it
     texts: Counter[tuple[str, str]] = field(default_factory=Counter)
     days: list[DayCount] = field(default_factory=list)
+    budget: TurnBudget = field(default_factory=TurnBudget)
     midnight_ns: int | None = None  # of the first day; None = not known
 
     def add(self, batch: Batch) -> None:
@@ -167,7 +168,7 @@ class _Found:
             one, packed = (radials, batch.packed) if rows is None else (take(radials, rows), batch.packed[rows])
             if key not in self.sensors:
                 self.days.append(DayCount(others=self.days[:]))
-                turns = TurnCount(self.days[-1], free_scans=FREE_SCANS // len(self.days))
+                turns = TurnCount(self.days[-1], free_scans=FREE_SCANS // len(self.days), budget=self.budget)
                 self.sensors[key] = _Sensor(*key, turns)
             self.sensors[key].add(one, packed)
 

@@ -43,7 +43,7 @@ from maritrack.io.turns.turn import OpenTurn, Turn, findings, last_of_repeats
 from maritrack.types import Damage, IntArray, take
 
 MAX_SPOKES = 65_536  # of a turn
-MAX_CELLS = 3 << 25  # of a turn, padding included; of 16 bit half as many, of 32 bit a quarter
+MAX_CELLS = 1 << 26  # of a turn, padding included; of 16 bit half as many, of 32 bit a quarter
 SILENT_TURNS = 3
 FREE_SCANS, LEAST_SPOKES = 256, 128
 BUDGET_FLOOR, BUDGET_RATIO = 1 << 28, 256  # octets of cells in turns, and more for each octet of input

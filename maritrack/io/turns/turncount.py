@@ -15,7 +15,7 @@ from maritrack.io.turns.sectors import Sectors
 from maritrack.io.turns.shortruns import MAX_TICKS, ShortRuns
 from maritrack.io.turns.spokes import NO_TICK, SILENCE, TICK_NS, TURN, DayCount
 from maritrack.io.turns.spoketime import ASSUMED_PERIOD_NS
-from maritrack.io.turns.stream import FREE_SCANS, LEAST_SPOKES, MAX_CELLS, MAX_SPOKES, SILENT_TURNS
+from maritrack.io.turns.stream import FREE_SCANS, LEAST_SPOKES, MAX_CELLS, MAX_SPOKES, SILENT_TURNS, TurnBudget
 from maritrack.io.turns.sweep import Judge, Setting, Swept
 from maritrack.io.turns.turn import LEAST_ADVANCE
 from maritrack.io.turns.turnclock import TurnClock, exact_ns, middle
@@ -74,6 +74,7 @@ class _Open:
     widest: int = 0  # cells
     t_ns: int | None = None  # of the first spoke
     offset: int = -1
+    last_offset: int = -1
     rising: bool = True
     azimuths: list[IntArray] = field(default_factory=list)  # START and END in one, to find spokes that come again
     shown: list[tuple[IntArray, IntArray, IntArray]] = field(default_factory=list)  # of good spokes, for `Sectors`
@@ -85,8 +86,8 @@ class TurnCount:
     Times are ns since midnight of the first day, None where unknown.
     """
 
-    def __init__(self, days: DayCount, *, free_scans: int = FREE_SCANS) -> None:
-        self._free = free_scans
+    def __init__(self, days: DayCount, *, free_scans: int = FREE_SCANS, budget: TurnBudget | None = None) -> None:
+        self._free, self._budget = free_scans, TurnBudget() if budget is None else budget
         self.spokes = self.scans = self.repeated = self.stray = self.odd = self.set_back = 0
         self.forward = self.backward = 0  # steps of azimuth
         self.lost = self.n_losses = self.n_changes = 0
@@ -244,6 +245,7 @@ class TurnCount:
             o.turn, o.low, o.high = first, low, high
             o.t_ns, o.offset = s.t_ns(start), int(s.offset[start])
         o.low, o.high, o.last = min(o.low, low), max(o.high, high), last
+        o.last_offset = int(s.offset[end - 1])
         known = tick if tick[0] != NO_TICK and tick[-1] != NO_TICK else tick[tick != NO_TICK]
         if len(known):
             o.tick, o.until = int(known[0]) if o.tick == NO_TICK else o.tick, int(known[-1])
@@ -285,7 +287,8 @@ class TurnCount:
         self.repeated += repeated
         long_enough = why in ("turn", "scan-overlong") or o.high - o.low >= LEAST_ADVANCE
         if o.kept and long_enough and o.n >= self._least_spokes:
-            self.scans += 1
+            octets = o.kept * o.widest * max(setting.bits >> 3, 1)
+            self.scans += self._budget.allows(octets, o.last_offset)
             self._free -= o.n < LEAST_SPOKES
         grid, turned = Grid(setting, o.widest), abs(o.last - o.turn)
         self.grids[grid] += o.kept
