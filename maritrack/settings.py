@@ -146,6 +146,7 @@ class ModelConfig:
     alpha_max: float = 60.0
     shape: Literal["predictive", "plugin", "none"] = "predictive"
     shape_n_max: int = 10  # 0 = no limit, the paper's reading
+    cluster_size: Literal["effective", "count"] = "effective"  # n of eq. 10 and 11: 1 / sum of squared weights, or n_k
     centroid_n_max: int = 20  # points that share in the centroid's noise; 0 = no limit
     centroid_sigma_m: float = 0.0  # bias of a centroid that no averaging removes
     min_axis_m: float = 2.0

@@ -139,3 +139,18 @@ def test_a_damaged_text_is_an_error_of_configuration() -> None:
         config_from_toml(to_toml(Config()).replace("[model]", "[modell]"))
     with pytest.raises(ConfigError):
         config_from_toml("[model")
+
+
+def test_the_presets_of_the_polar_paper_hold_its_numbers_for_every_tracker() -> None:
+    near, far = load_config(preset="polar-near"), load_config(preset="polar-far")
+    for config in (near, far):
+        model = config.model
+        assert (model.p_detect, model.clutter, model.clutter_density_per_m2) == (0.8, "fixed", 1e-4)
+        assert (model.shape, model.shape_n_max, model.cluster_size, model.centroid_n_max) == ("plugin", 0, "count", 0)
+        assert (config.cluster.eps_m, config.cluster.min_points, config.cluster.intensity_weighting) == (55.0, 3, True)
+        assert (config.sprt.p_false_alarm, config.phd.p_survive_scan, config.tracker.birth_existence) == (
+            0.01,
+            0.95,
+            0.6,
+        )
+    assert (near.input.roi_max_m, far.input.roi_min_m, far.input.roi_max_m) == (5000.0, 20_000.0, 30_000.0)

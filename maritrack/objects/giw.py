@@ -112,11 +112,16 @@ def birth(clusters: Clusters, model: ModelConfig) -> Giw:
 def centroid_weight(clusters: Clusters, j: IntArray, model: ModelConfig) -> FloatArray:
     """1/n of the centroid's covariance: sum of squared weights, not below 1/centroid_n_max.
 
-    With equal weights and no limit it is the paper's 1/n_k.
-    Deviates: polar-11 the default is centroid_n_max = 20, the preset `radar` has 1; the paper has no limit, 0.
+    Deviates: polar-11 the default is cluster_size = "effective" and centroid_n_max = 20, the preset `radar` has 1;
+    the paper has n_k, "count", without a limit, 0. With equal weights n_k is the effective size.
     """
     least = 1.0 / model.centroid_n_max if model.centroid_n_max > 0 else 0.0
-    return np.maximum(clusters.weight_sq[j], least)
+    return np.maximum(weight_sq(clusters, j, model), least)
+
+
+def weight_sq(clusters: Clusters, j: IntArray, model: ModelConfig) -> FloatArray:
+    """1/n of clusters j (k,): the sum of squared weights, or of the count of points whatever their weights."""
+    return np.asarray(1.0 / clusters.count[j] if model.cluster_size == "count" else clusters.weight_sq[j])
 
 
 def predicted_centroid(d: Giw, i: IntArray, dt_s: FloatArray) -> FloatArray:
@@ -158,7 +163,7 @@ def log_shape_ratio(d: Giw, clusters: Clusters, pairs: Pairs, V0: FloatArray, mo
     if model.shape == "none" or model.extent == "point":
         return np.zeros(len(pairs.i))
     count = clusters.count[pairs.j].astype(np.float64)
-    dof = count * (1.0 - clusters.weight_sq[pairs.j])  # n - 1 with equal weights
+    dof = count * (1.0 - weight_sq(clusters, pairs.j, model))  # n - 1 with equal weights
     kept = np.minimum(dof, model.shape_n_max) if model.shape_n_max > 0 else dof
     scale = np.divide(kept, dof, out=np.zeros_like(dof), where=dof > 0)
     Z = clusters.scatter_m2[pairs.j] * scale[:, None, None]
@@ -235,7 +240,7 @@ def _extent_update(d: Giw, clusters: Clusters, pairs: Pairs, model: ModelConfig)
     The scatter has n (1 - sum w^2) degrees of freedom (n - 1 with equal weights), the innovation one more.
     """
     X, j = d.X[pairs.i], pairs.j
-    dof = clusters.count[j] * (1.0 - clusters.weight_sq[j])
+    dof = clusters.count[j] * (1.0 - weight_sq(clusters, j, model))
     X_root = matrix2.root(X)
     to_extent = X_root @ matrix2.inverse(matrix2.root(pairs.Y))
     Zhat = to_extent @ clusters.scatter_m2[j] @ to_extent.transpose(0, 2, 1)

@@ -170,3 +170,33 @@ def test_a_track_without_cluster_keeps_what_a_miss_leaves() -> None:
     q = PAPER.p_detect * PAPER.p_gate
     after, _ = tracker.update(state, later, nothing, empty)
     assert_allclose(after.existence, [(1 - q) * r / (1 - q * r)], rtol=EXACT)
+
+
+def uneven_cluster() -> tuple[Clusters, int]:
+    """A cluster whose points weigh unequally, and how many they are."""
+    rng = np.random.default_rng(3)
+    n = 12
+    points = points_at(5000.0 + rng.normal(0, 20, n), 1.0 + rng.normal(0, 0.004, n), rng.uniform(1, 200, n))
+    one = np.zeros(n, np.int64)
+    return cluster_statistics(points, one, scan_at(), intensity_weighting=True, noise=(2.0, 0.001, 0.0)), n
+
+
+@pytest.mark.eq("polar-11")
+def test_the_papers_size_of_a_cluster_is_its_count_whatever_the_weights() -> None:
+    clusters, n = uneven_cluster()
+    one = np.zeros(1, np.int64)
+    count, effective = (
+        giw.centroid_weight(clusters, one, replace(PAPER, cluster_size=size)) for size in ("count", "effective")
+    )
+    assert count[0] == 1.0 / n and effective[0] == clusters.weight_sq[0] > 1.0 / n
+
+
+@pytest.mark.eq("polar-10")
+def test_the_papers_shape_of_a_weighted_cluster_has_one_degree_of_freedom_less_than_points() -> None:
+    clusters, n = uneven_cluster()
+    model, one, V0 = replace(PAPER, cluster_size="count"), np.zeros(1, np.int64), np.diag([900.0, 400.0])
+    d = giw.birth(clusters, model)
+    pairs = giw.pair_up(d, clusters, one, one, np.zeros(1), model)
+    Z, V1 = clusters.scatter_m2[0], pairs.Y[0]
+    expected = wishart.logpdf(Z, n - 1, V1) - wishart.logpdf(Z, n - 1, V0)
+    assert_allclose(giw.log_shape_ratio(d, clusters, pairs, V0[None], model), expected, atol=1e-8)
