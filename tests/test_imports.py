@@ -49,7 +49,8 @@ BELOW = {  # what each part of the package may import besides itself
     "show": BASE | {"config", "io", "recording", "survey"},
     "papers": BASE | {"config", "trackers"},
     "fanout": set[str](),
-    "reproduce": LINE | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks"},
+    "reproduce": LINE
+    | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks", "tune"},
     "tune": LINE | {"chain", "config", "fanout", "io", "job", "recording", "run", "simulate"},
 }
 READING = {  # the packages of `maritrack.io`, and which of the others each may import
@@ -61,7 +62,7 @@ READING = {  # the packages of `maritrack.io`, and which of the others each may 
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
     "rich": ("cli/",),
-    "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py"),
+    "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py", "maritrack/sinks/curves.py"),
     "mcap": ("maritrack/io/archive.py", "maritrack/io/containers/mcap_datagrams.py", "maritrack/sinks/mcap.py"),
     "sklearn": ("maritrack/cluster/", "maritrack/metrics/clusters.py"),
     "maritrack_cli": (),

@@ -10,7 +10,16 @@ from maritrack.reproduce.claims import Plan, Report
 
 Experiment = Callable[[Plan, Tick | None], Report]
 
-REPRODUCTIONS: dict[str, Experiment] = {}  # by key of the paper; each imports what it needs when it is called
+
+def _polar(plan: Plan, tick: Tick | None) -> Report:
+    from maritrack.reproduce.polar import reproduce
+
+    return reproduce(plan, tick)
+
+
+REPRODUCTIONS: dict[str, Experiment] = {
+    "polar": _polar
+}  # by key of the paper; each imports what it needs when it is called
 
 
 def reproduce(paper: str, plan: Plan, *, tick: Tick | None = None) -> Report:
