@@ -47,6 +47,7 @@ class InputConfig:
     roi_min_m: float = 0.0
     beam_width_deg: float = 0.0  # antenna, for the noise of a cluster; 0 = unknown, the cell counts
     pulse_length_m: float = 0.0  # c T/2; 0 = unknown, the cell counts
+    scale_db: float = 0.0  # of a logarithmic video, from 0 to full scale: cells weigh their power; 0 = their amplitude
     sigma_range_m: float = 0.0  # noise of a point; 0 = from cell, beam and pulse
     sigma_azimuth_deg: float = 0.0
     sigma_m: float = 0.0  # least noise of a point in any direction
@@ -57,6 +58,7 @@ class InputConfig:
     def __post_init__(self) -> None:
         _require(0 <= self.from_s < self.to_s, "input.from_s must be less than input.to_s")
         _require(self.limit >= 0, "input.limit must not be negative")
+        _require(0 <= self.scale_db <= 200, f"input.scale_db = {self.scale_db} is not within 0..200")
         _require(0 <= self.step_s < math.inf, "input.step_s must not be negative, and finite")
         _require(self.roi_min_m < self.roi_max_m, "input.roi_min_m must be less than input.roi_max_m")
         _require(-90 <= self.lat_deg <= 90 or math.isnan(self.lat_deg), f"input.lat_deg = {self.lat_deg}")

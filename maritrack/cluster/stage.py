@@ -18,7 +18,9 @@ def cluster_points(points: Points, scan: Scan, config: ClusterConfig, sensor: In
     weighting = config.intensity_weighting and config.method != "singletons"
     label = labels(points, scan, config)
     noise = sensor_noise(scan, sensor)
-    clusters = cluster_statistics(points, label, scan, intensity_weighting=weighting, noise=noise)
+    clusters = cluster_statistics(
+        points, label, scan, intensity_weighting=weighting, noise=noise, scale_db=sensor.scale_db
+    )
     keep = clusters.count >= config.min_count
     if math.isfinite(config.max_extent_m) and len(clusters):
         keep &= _length_m(clusters) <= config.max_extent_m

@@ -9,19 +9,23 @@ from maritrack.types import Clusters, FloatArray, IntArray, Points, Scan
 
 
 def cluster_statistics(
-    points: Points, label: IntArray, scan: Scan, *, intensity_weighting: bool, noise: tuple[float, float, float]
-) -> Clusters:
+    points: Points, label: IntArray, scan: Scan, *, intensity_weighting: bool, noise: tuple[float, float, float],
+    scale_db: float = 0.0,
+) -> Clusters:  # fmt: skip
     """Clusters of the points that carry a label, ordered by azimuth, then range.
 
     With weights w = l / sum(l) (l = intensity, or 1): mean = sum w z, scatter = n sum w (z - mean)(z - mean)'.
-    `noise` = standard deviations of range (m), azimuth (rad) and of any direction (m) where the points carry
-    no covariance of their own.   Eq: polar-5, polar-6
+    A logarithmic video of `scale_db` decibels from 0 to full scale weighs cells by their power: then beam and pulse
+    add their own variance to that of a hull, whatever the strength of the echo. `noise` = standard deviations of
+    range (m), azimuth (rad) and of any direction (m) where the points carry no covariance.   Eq: polar-5, polar-6
     """
     n = int(label.max(initial=-1)) + 1
     inside = label >= 0
     at, z = label[inside], points.position_m[inside]
     raw = np.maximum(points.intensity[inside], 0.0) if intensity_weighting else np.ones(len(at))
     total = _sum(at, raw, n)
+    if intensity_weighting and scale_db > 0.0:
+        raw = 10.0 ** (raw / (2.0**scan.sensor.bits - 1.0) * scale_db / 10.0)
     raw = np.where(total[at] > 0, raw, 1.0)  # a cluster of zeros weighs its points equally
     w = raw / np.bincount(at, raw, n)[at]
     count = np.bincount(at, minlength=n)
