@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +18,11 @@ from maritrack.io.cat240 import blockstarts
 from maritrack.io.cat240.encode import encode_summary, encode_video
 from maritrack.io.cat240.headers import HeaderWalk, RawMake
 from maritrack.io.cat240.radials import Radials
+from maritrack.io.containers.final import FinalWriter
+from maritrack.io.containers.final_heads import FinalMake
+from maritrack.io.containers.kinds import FINAL, container_of
 from maritrack.io.containers.packetwalk import packet_make
-from maritrack.io.datagrams import NO_TIME
+from maritrack.io.datagrams import NO_TIME, Stream
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.turns.spokes import DayCount
 from maritrack.io.turns.turncount import TurnCount
@@ -337,7 +341,8 @@ def test_where_a_recording_is_cut_changes_nothing(spoiled: tuple[Radials, list[i
 
 def walked(path: Path) -> HeaderWalk:
     octets = octets_from_file(path, "")
-    make, start = packet_make(octets.head) or (RawMake(), 0)
+    final = container_of(octets.head) == FINAL
+    make, start = (FinalMake(octets.head), 0) if final else packet_make(octets.head) or (RawMake(), 0)
     walk = HeaderWalk(path, make, start=start)
     assert all(batch.octets == b"" for batch in walk)
     return walk
@@ -446,13 +451,40 @@ def test_captures_are_told_alike(tmp_path: Path, pieces: int, data: st.DataObjec
     assert quick == general
 
 
-@pytest.mark.parametrize("make", ["raw", "zlib", "pcap", "pcapng"])
+def final_file(payloads: list[bytes]) -> bytes:
+    """Records of two lines that go on for three days."""
+    file = io.BytesIO()
+    writer = FinalWriter(file)
+    step_ns = 3 * 86_400 * 10**9 // max(len(payloads), 1)
+    for i, payload in enumerate(payloads):
+        line = Stream(f"board-1-line-{1 + i // 50 % 2}")
+        writer.write(payload, t_ns=NO_TIME if i % 97 == 96 else 36_000 * 10**9 + i * step_ns, stream=line)
+    return file.getvalue()
+
+
+@given(st.data())
+@settings(EASY, max_examples=60)
+def test_final_files_are_told_alike(tmp_path: Path, pieces: int, data: st.DataObject) -> None:
+    payloads = recording(data.draw(st.floats(0.02, 0.3)))
+    for _ in range(data.draw(st.integers(0, 3))):
+        place = data.draw(st.integers(0, len(payloads)))
+        payloads[place:place] = [data.draw(st.sampled_from([b"", payloads[0] * 2, b"\x30\0\4a", b"\xf0\0\3"]))]
+    octets = bytearray(final_file(payloads))
+    for _ in range(data.draw(st.integers(0, 2))):
+        octets[data.draw(st.integers(200, len(octets) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path / "x.final"
+    path.write_bytes(octets[: len(octets) - data.draw(st.sampled_from([0, 0, 7]))])
+    quick, general = both_ways(path)
+    assert quick == general
+
+
+@pytest.mark.parametrize("make", ["raw", "zlib", "pcap", "pcapng", "FINAL"])
 def test_a_sound_file_is_walked_through_to_its_end(tmp_path: Path, make: str, pieces: int) -> None:
     blocks = recording(2.0, compress=make == "zlib")
     blocks.insert(100, encode_summary(sac=7, sic=42, text=b"SUM"))
     packets = [build.ethernet(build.ipv4(build.udp(one))) for one in blocks]
     octets = {"raw": b"".join(blocks), "zlib": b"".join(blocks), "pcap": build.pcap(packets),
-              "pcapng": build.pcapng(packets)}[make]  # fmt: skip
+              "pcapng": build.pcapng(packets), "FINAL": final_file(blocks)}[make]  # fmt: skip
     path = tmp_path / "x"
     path.write_bytes(octets)
     assert walked(path).whole

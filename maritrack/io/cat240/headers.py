@@ -24,6 +24,7 @@ from maritrack.io.datagrams import NO_TIME
 from maritrack.types import BoolArray, Damage, IntArray
 
 ODD_LEAST, ODD_SHARE = 8, 8  # so many odd blocks, and one in so many more, are still worth the walk
+ODD_OCTETS = 1024  # of an odd block: a longer one holds many records
 AGAIN = 16  # frames that the general reader has to read again to know what came before
 TAIL = np.dtype([("tod", ">u4"), ("after", "u1")])  # from the octet before the time of day to that behind it
 COPIED = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur")
@@ -174,6 +175,8 @@ def _odd_blocks(octets: U8, base: int, blocks: Blocks, usual: BoolArray) -> tupl
     texts: list[Text] = []
     for i in odd[: ODD_LEAST + len(usual) // ODD_SHARE]:
         begin = int(blocks.begin[i])
+        if blocks.end[i] - begin > ODD_OCTETS:
+            return i, tuple(texts)
         data = octets[begin : blocks.end[i]].tobytes()
         block = parse_block(window(0, data, final=False), 0, len(data))
         if block.videos or block.damage or block.lost or not block.summaries:

@@ -91,6 +91,10 @@ class FinalReader:
             damage=tuple(Damage(one.code, base + one.at, one.message, count=one.count) for one in found.troubles()),
         )  # fmt: skip
 
+    def headers(self, line_day: IntArray, time_cs: IntArray) -> tuple[IntArray, IntArray]:
+        """Receive times and streams of the next records, of board, line and day as one number and the time of day."""
+        return self._days.times(line_day & 255, time_cs), self._streams(line_day >> 8)
+
     def _streams(self, line: IntArray) -> IntArray:
         """Index of the stream of each record, of its board and line as one number."""
         new = line[self._index[line] < 0]

@@ -11,7 +11,7 @@ import numpy as np
 from maritrack.errors import InputError
 from maritrack.io.cat240.headers import HeaderWalk, RawMake
 from maritrack.io.cat240.radials import Batch
-from maritrack.io.containers.kinds import GZIP, PCAP, PCAPNG, RAW, container_of, unpacked_head
+from maritrack.io.containers.kinds import FINAL, GZIP, PCAP, PCAPNG, RAW, container_of, unpacked_head
 from maritrack.io.datagrams import Stream
 from maritrack.io.octets import CHUNK, FileChunks
 from maritrack.io.source import Octets
@@ -45,6 +45,9 @@ class Skim:
             if self.container == RAW:
                 yield from self._raw(chunks.path)
                 return
+            if self.container == FINAL and not self._stream:
+                yield from self._final(chunks.path)
+                return
             if self.container in (PCAP, PCAPNG) and not self._stream:
                 yield from self._packets(chunks.path)
                 return
@@ -59,6 +62,16 @@ class Skim:
 
             chunks = _FileFrom(path, walk.end)
             yield from read_batches(chunks, cells=False, start=walk.end, memories=walk.memories)
+
+    def _final(self, path: Path) -> Iterator[Batch]:
+        from maritrack.io.containers.final_heads import FinalMake
+
+        make = FinalMake(self._octets.head)
+        self.streams = make.streams
+        walk = HeaderWalk(path, make)
+        yield from walk
+        if not walk.whole:  # days are counted from the first record on
+            yield from _told_from(walk.end, self._general(self._octets))
 
     def _packets(self, path: Path) -> Iterator[Batch]:
         from maritrack.io.containers.packetwalk import packet_make
