@@ -131,6 +131,22 @@ def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_older() ->
     assert not tracklist.duplicates(tracks(2, density=apart), rules).any()
 
 
+def test_each_limit_ends_a_track_just_beyond_it_and_not_just_within() -> None:
+    """Combined pruning: existence, misses in a row, position, speed. Rows: one just within, one just beyond."""
+    rules = replace(RULES, delete_existence=0.05, delete_misses=3, delete_sigma_m=200.0)
+    config = Config(model=ModelConfig(max_speed_mps=30.0), tracker=rules)
+    pair = tracks(2)
+    assert tracklist.manage(replace(pair, existence=np.array([0.051, 0.049])), config).id.tolist() == [1]
+    assert tracklist.manage(replace(pair, misses=np.array([3, 4])), config).id.tolist() == [1]
+    for axis in (0, 1):
+        P = pair.density.P.copy()
+        P[:, axis, axis] = [199.0**2, 201.0**2]
+        assert tracklist.manage(replace(pair, density=replace(pair.density, P=P)), config).id.tolist() == [1]
+    x = pair.density.x.copy()
+    x[:, 2:] = [[20.9, 20.9], [21.4, 21.4]]  # 29.6 and 30.3 m/s
+    assert tracklist.manage(replace(pair, density=replace(pair.density, x=x)), config).id.tolist() == [1]
+
+
 def test_what_is_new_in_the_hull_of_a_confirmed_track_is_a_part_of_it() -> None:
     """A hull 200 m long; the others are 60 m and 115 m from its middle, along and across."""
     t = tracks(4, confirmed=np.array([False, True, False, False]))
