@@ -153,3 +153,12 @@ def test_the_cost_of_a_pair_is_minus_twice_its_log_density_with_the_full_extent(
     with_existence = steps.gate_cost(sight, plain_config("ipda"))
     assert_allclose(with_existence, want - 2 * np.log(sight.tracks.existence), rtol=1e-9)
     assert_allclose(log_missed_weight(np.ones(1), p_detect=P_D, p_gate=P_G), np.log(1 - P_D * P_G))
+
+
+def test_the_density_of_clutter_follows_its_scans_by_a_twentieth() -> None:
+    """Four clusters at the corners of a square, then of a larger one: 4 a km^2, then 1."""
+    corners = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
+    config, state = plain_config("ipda", "model.clutter=estimated"), None
+    for k, (side_m, begin_m) in enumerate(((1000.0, 500.0), (2000.0, 5000.0))):
+        state = step(config, state, begin_m + side_m * corners, float(k))
+    assert_allclose(state.clutter["p"].density_per_m2, [0.95 * 4e-6 + 0.05 * 1e-6], rtol=1e-6)
