@@ -88,7 +88,7 @@ def detect(scan: Scan, config: Config) -> Points:
     if scan.points is not None:
         points = scan.points
     elif scan.video is not None:
-        points = detect_cells(scan, config.detect, latency_ns=round(settings.latency_s * 1e9))
+        points = detect_cells(scan, config.detect, latency_ns=round(scan.sensor.latency_s * 1e9))
     else:
         points = empty_points()
     inside = (points.range_m >= settings.roi_min_m) & (points.range_m <= settings.roi_max_m)

@@ -59,6 +59,7 @@ class Sensor:
     azimuth_res_rad: float  # width of a cell; 0 where the input is points
     max_range_m: float  # inf where unknown
     bits: int = 8  # of a video cell
+    latency_s: float = 0.0  # points of its video are older than their spoke's time; not archived: points have theirs
 
 
 @dataclass(frozen=True, slots=True, eq=False)

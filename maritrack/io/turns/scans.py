@@ -24,7 +24,8 @@ EDGE = {"start": 0.0, "centre": 0.5, "end": 1.0}  # where in the spoke its azimu
 def scan_of(turn: Turn, config: InputConfig, pose: PoseTrack, *, midnight_ns: int) -> Scan:
     """The scan at its place and time: azimuths from true north, ranges of cell centres."""
     t_ns = turn.t_ns + midnight_ns
-    azimuth_rad, width_rad = _azimuths(turn.spokes, config, pose, t_ns)
+    late_ns = round(config.latency_s * 1e9)  # the platform has moved on when the spoke gets its time
+    azimuth_rad, width_rad = _azimuths(turn.spokes, config, pose, t_ns - late_ns)
     first = turn.spokes[0]
     cell_m, start_rg = float(first["cell_m"]), int(first["start_rg"])
     sensor = Sensor(
@@ -33,6 +34,7 @@ def scan_of(turn: Turn, config: InputConfig, pose: PoseTrack, *, midnight_ns: in
         azimuth_res_rad=float(np.median(width_rad)),
         max_range_m=(start_rg + turn.cells.shape[1]) * cell_m,
         bits=int(first["bits"]),
+        latency_s=config.latency_s,
     )
     video = Video(
         azimuth_rad=azimuth_rad,
@@ -44,7 +46,7 @@ def scan_of(turn: Turn, config: InputConfig, pose: PoseTrack, *, midnight_ns: in
         cells_used=np.ascontiguousarray(turn.spokes["n_cells"]),
     )
     start_ns, end_ns = int(t_ns[0]), int(t_ns[-1])
-    middle_ns = np.array([(start_ns + end_ns) // 2])
+    middle_ns = np.array([(start_ns + end_ns) // 2 - late_ns])
     return Scan(
         sensor=sensor,
         t_ns=end_ns,
