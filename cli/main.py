@@ -19,6 +19,7 @@ from maritrack import __version__
 from maritrack.errors import MaritrackError
 
 from . import (
+    calibrate,
     config,
     convert,
     diff,
@@ -64,6 +65,7 @@ app = typer.Typer(
     epilog="Start with: `maritrack simulate harbour -o harbour.cat240 && maritrack process harbour.cat240 --view`",
 )
 for module in (
+    calibrate,
     process,
     replay,
     smooth,

@@ -24,6 +24,8 @@ Examples:
 
     maritrack process radar.pcap --stream :8600
 
+    maritrack process rec.cat240 --truth ais.csv --calibration calibration.toml
+
     nc -lu 8600 | maritrack process - -o live
 
     maritrack process detections.json --set model.p_detect=0.9 --json | python -m json.tool
@@ -51,6 +53,7 @@ def process(
     azimuth_edge: Annotated[str, opt.given("--azimuth-edge", "Edge of the azimuth: start, centre, end.")] = "",
     azimuth_offset: Annotated[float | None, opt.given("--azimuth-offset", "Degrees added to each azimuth.")] = None,
     sensors: Annotated[Path | None, opt.given("--sensors", "TOML with these settings for each sensor.")] = None,
+    calibration: Annotated[Path | None, opt.given("--calibration", "What `maritrack calibrate` wrote.")] = None,
     sensor: Annotated[str, opt.given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")] = "",
     stream: Annotated[str, opt.given("--stream", "Only this stream of a capture: ADDR, ADDR:PORT, :PORT.")] = "",
     from_s: Annotated[float | None, opt.given("--from", "Begin so many seconds after the first scan.")] = None,
@@ -94,8 +97,10 @@ def process(
         limit,
         moving,
     )
+    if calibration is not None:
+        over |= lags_over(calibration, over)
     settings = load_config(preset=chosen, file=config, sets=sets or (), over=over)
-    side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors)
+    side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors, calibration=calibration)
     job = Job(
         octets=octets, kinds=kinds, side=side, config=settings,
         input_sha256=[input_digest(o, p) for o, p in zip(octets, inputs, strict=True)],
@@ -116,6 +121,19 @@ def process(
     if summary.get("interrupted"):
         render.note(f"interrupted after {summary['counts']['scans']} scans")
         raise typer.Exit(130)
+
+
+def lags_over(calibration: Path, over: dict[str, Any]) -> dict[str, Any]:
+    """The lags of a calibration as settings of the metrics; none where it has none."""
+    from maritrack.errors import InputError
+    from maritrack.io.sensors import lags_of
+
+    try:
+        text = calibration.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{calibration}: {getattr(error, 'strerror', None) or error}") from None
+    lags = lags_of(text, name=str(calibration))
+    return {"score": over.get("score", {}) | {"truth_lag_s": lags}} if lags else {}
 
 
 def overrides(

@@ -21,7 +21,7 @@ from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
 from maritrack.io.pose import PoseTrack
 from maritrack.io.reference import Reference
-from maritrack.io.sensors import for_input, parse_sensors
+from maritrack.io.sensors import calibrated, for_input, parse_sensors
 from maritrack.io.source import Octets, Source
 from maritrack.io.truth import document_origin, find_truth, read_reference
 from maritrack.settings import Config, InputConfig
@@ -39,7 +39,9 @@ class Recording:
     frames: Iterator[Frame]
     origin: Origin | None
     reference: Reference | None
-    side: Mapping[str, bytes]  # documents that replay needs besides the input: "truth", "own-ship", "sensors"
+    side: Mapping[
+        str, bytes
+    ]  # documents that replay needs besides the input: "truth", "own-ship", "sensors", "calibration"
     damage: tuple[Damage, ...]  # of the side documents, one a code
 
 
@@ -64,11 +66,17 @@ def open_inputs(paths: Sequence[Path]) -> list[Octets]:
 
 
 def side_documents(
-    paths: Sequence[Path], *, truth: Path | None, own_ship: Path | None, sensors: Path | None, no_truth: bool = False
+    paths: Sequence[Path],
+    *,
+    truth: Path | None,
+    own_ship: Path | None,
+    sensors: Path | None,
+    no_truth: bool = False,
+    calibration: Path | None = None,
 ) -> dict[str, bytes]:
     """The documents beside the input, as octets; truth beside a recording is found by itself."""
     found = None if no_truth else truth or (find_truth(paths[0]) if len(paths) == 1 else None)
-    named = {"truth": found, "own-ship": own_ship, "sensors": sensors}
+    named = {"truth": found, "own-ship": own_ship, "sensors": sensors, "calibration": calibration}
     documents = {}
     for name, path in named.items():
         if path is not None:
@@ -76,9 +84,12 @@ def side_documents(
                 documents[name] = path.read_bytes()
             except OSError as error:
                 raise InputError(f"{path}: {error.strerror or error}") from None
-            if name != "sensors" and (kind := sniff(documents[name][:65536], str(path))) in ("cat240", "plots"):
+            if name in ("truth", "own-ship") and (kind := sniff(documents[name][:65536], str(path))) in (
+                "cat240",
+                "plots",
+            ):
                 raise InputError(f"{path}: a recording ({kind}), no reference positions")
-    if sensors is not None:  # it may name sensors by the stems of their files
+    if sensors is not None or calibration is not None:  # they may name sensors by the stems of their files
         documents["names"] = "\n".join(path.stem for path in paths).encode()
     return documents
 
@@ -133,10 +144,14 @@ def open_recording(
 
 
 def sensors_of(side: Mapping[str, bytes], settings: InputConfig) -> Mapping[str, InputConfig]:
-    """Settings of single sensors over those of the run."""
-    if "sensors" not in side:
-        return {}
-    return parse_sensors(side["sensors"].decode("utf-8", "replace"), name="sensors", base=settings)
+    """Settings of single sensors over those of the run, and what a calibration says of them over these."""
+    texts = {name: side[name].decode("utf-8", "replace") for name in ("sensors", "calibration") if name in side}
+    sensors: Mapping[str, InputConfig] = {}
+    if "sensors" in texts:
+        sensors = parse_sensors(texts["sensors"], name="sensors", base=settings)
+    if "calibration" in texts:
+        sensors = calibrated(sensors, texts["calibration"], name="calibration", base=settings)
+    return sensors
 
 
 def carriers_of(
@@ -226,7 +241,8 @@ class _Place:
     def source(self, kind: str, octets: Octets) -> Source:
         """The source of one input."""
         stem = Path(octets.name).stem
-        settings = for_input(self.sensors, stem, base=self.settings)
+        one = "" if kind == "cat240" else self.settings.sensor or "radar"
+        settings = for_input(self.sensors, stem, base=self.settings, sensor=one)
         if kind == "cat240":
             poses = {name: pose for name, own in self.sensors.items() if (pose := self._pose(own)) is not None}
             return Cat240Source(

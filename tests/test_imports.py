@@ -43,6 +43,7 @@ BELOW = {  # what each part of the package may import besides itself
     "score": LINE | {"chain", "io", "recording", "replay", "run"},
     "retrospect": BASE | {"objects"},
     "smooth": LINE | {"chain", "io", "job", "replay", "retrospect", "run"},
+    "calibrate": LINE | {"chain", "io", "recording", "retrospect"},
     "convert": BASE | {"io"},
     "live": BASE | {"io"},
     "survey": BASE | {"geo", "io"},

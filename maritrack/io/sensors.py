@@ -13,10 +13,13 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from maritrack.config import build
 from maritrack.errors import ConfigError
 from maritrack.settings import InputConfig
+
+CALIBRATED = ("azimuth_offset_deg", "range_offset_m", "latency_s")
 
 
 def load_sensors(path: Path, *, base: InputConfig) -> Mapping[str, InputConfig]:
@@ -32,10 +35,7 @@ def load_sensors(path: Path, *, base: InputConfig) -> Mapping[str, InputConfig]:
 
 def parse_sensors(text: str, *, name: str, base: InputConfig) -> Mapping[str, InputConfig]:
     """Settings of each sensor of a TOML text, in its order; `name` is what messages call it."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name}: {error}") from None
+    document = _document(text, name=name)
     tables = document.pop("sensors", None)
     if document:
         raise ConfigError(f"{name}: unknown key '{next(iter(document))}'", hint='write [sensors."7-42"]')
@@ -47,12 +47,50 @@ def parse_sensors(text: str, *, name: str, base: InputConfig) -> Mapping[str, In
         raise ConfigError(f"{name}: {error}", error.hint) from None
 
 
+def calibrated(
+    sensors: Mapping[str, InputConfig], text: str, *, name: str, base: InputConfig
+) -> Mapping[str, InputConfig]:
+    """The sensors with what `maritrack calibrate` found of them laid over: its file is one of sensors, and has more."""
+    tables = _document(text, name=name)
+    tables.pop("score", None)
+    if set(tables) - {"sensors"}:
+        raise ConfigError(f"{name}: unknown key '{min(set(tables) - {'sensors'})}'", hint="maritrack calibrate -o FILE")
+    found = tables.get("sensors", {})
+    if not isinstance(found, dict) or not all(isinstance(table, dict) for table in found.values()):
+        raise ConfigError(f"{name}: no table of sensors", hint='write [sensors."7-42"]')
+    if wrong := [key for table in found.values() for key in table if key not in CALIBRATED]:
+        raise ConfigError(f"{name}: '{wrong[0]}' is no result of a calibration", hint="pass it with --sensors")
+    try:
+        over = {
+            key: _laid_over(sensors.get(key, base), table, f"sensors.{key}.") for key, table in found.items()
+        }  # fmt: skip
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}", error.hint) from None
+    return {**sensors, **over}
+
+
+def lags_of(text: str, *, name: str) -> str:
+    """`score.truth_lag_s` of a calibration, "" where it has none."""
+    score = _document(text, name=name).get("score", {})
+    lags = score.get("truth_lag_s", "") if isinstance(score, dict) else None
+    if not isinstance(lags, str) or set(score) - {"truth_lag_s"}:
+        raise ConfigError(f"{name}: of [score] a calibration has truth_lag_s alone", hint="maritrack calibrate -o FILE")
+    return lags
+
+
+def _document(text: str, *, name: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name}: {error}") from None
+
+
 def _laid_over(base: InputConfig, table: Mapping[str, object], where: str) -> InputConfig:
     values = {f.name: getattr(base, f.name) for f in fields(base)}
     built: InputConfig = build(InputConfig, {**values, **table}, where)
     return built
 
 
-def for_input(sensors: Mapping[str, InputConfig], stem: str, *, base: InputConfig) -> InputConfig:
-    """Settings of an input as a whole: those under its stem, else those of the run."""
-    return sensors.get(stem, base)
+def for_input(sensors: Mapping[str, InputConfig], stem: str, *, base: InputConfig, sensor: str = "") -> InputConfig:
+    """Settings of an input as a whole: those under its stem, else under the name of its one sensor, else the run's."""
+    return sensors.get(stem, sensors.get(sensor, base))

@@ -1,0 +1,114 @@
+"""What there is to compare: clusters of a sensor in its own polar coordinates, and ways of ships under way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maritrack import geo
+from maritrack.chain import detect
+from maritrack.cluster.stage import cluster_points
+from maritrack.io.reference import Reference
+from maritrack.settings import Config
+from maritrack.types import BoolArray, Clusters, FloatArray, Frame, IntArray, Scan
+
+BIAS_SHARE, LENGTH_M, LEAST_BIAS_M = 0.25, 200.0, 3.0  # of a ship's length, which is this where unknown
+LEAST_SPEED_MPS = 1.0  # slower ships tell nothing about clocks, and moorings are full of echoes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """Clusters of one sensor in all its scans, with its settings applied. Rows n in order of scans."""
+
+    scan: IntArray  # (n,)
+    t_s: FloatArray  # (n,) since `start_ns`
+    range_m: FloatArray  # (n,)
+    azimuth_rad: FloatArray  # (n,)
+    pose_s: FloatArray  # (k,) middle of each scan, increasing
+    pose_m: FloatArray  # (k, 2) where the sensor was then
+    start_ns: int
+    reach_m: float  # of the farthest cluster
+    cell_m: float  # depth of a cell, 0 where unknown
+    cell_rad: float  # its width
+
+    def __len__(self) -> int:
+        return len(self.scan)
+
+    def sensor_m(self, t_s: FloatArray) -> FloatArray:
+        """Where the sensor was (m, 2) at times (m,)."""
+        return np.stack([np.interp(t_s, self.pose_s, self.pose_m[:, axis]) for axis in (0, 1)], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """Reports of one ship."""
+
+    id: str
+    name: str
+    length_m: float  # nan where unknown
+    width_m: float
+    bias_m: float  # standard deviation of where its echo lies, seen from the place that it reports
+    t_s: FloatArray  # (m,) increasing
+    position_m: FloatArray  # (m, 2)
+    max_gap_s: float  # longer ones are not bridged
+
+    @property
+    def speed_mps(self) -> float:
+        """Typical speed while under way."""
+        speed = np.hypot(*np.diff(self.position_m, axis=0).T) / np.diff(self.t_s)
+        return float(np.median(speed[speed >= LEAST_SPEED_MPS])) if (speed >= LEAST_SPEED_MPS).any() else 1.0
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Position and velocity (n, 2) at times (n,), and where the ship is known to be under way."""
+        after = np.clip(np.searchsorted(self.t_s, t_s, side="right"), 1, len(self.t_s) - 1)
+        a, dt = after - 1, np.diff(self.t_s)[after - 1]
+        velocity = (self.position_m[after] - self.position_m[a]) / dt[:, None]
+        position = self.position_m[a] + (t_s - self.t_s[a])[:, None] * velocity
+        inside = (t_s >= self.t_s[0]) & (t_s <= self.t_s[-1]) & (dt <= self.max_gap_s)
+        return position, velocity, inside & (np.hypot(velocity[:, 0], velocity[:, 1]) >= LEAST_SPEED_MPS)
+
+
+def sightings_of(frames: Iterable[Frame], config: Config) -> dict[str, Sightings]:
+    """The clusters of each sensor of a recording."""
+    parts: dict[str, list[tuple[Scan, Clusters]]] = {}
+    for frame in frames:
+        clusters = cluster_points(detect(frame.scan, config), frame.scan, config.cluster, config.input)
+        bare = replace(frame.scan, video=None, points=None)
+        parts.setdefault(bare.sensor.id, []).append((bare, clusters))
+    return {sensor: _put_together(rows) for sensor, rows in parts.items()}
+
+
+def _put_together(rows: list[tuple[Scan, Clusters]]) -> Sightings:
+    middle_ns = np.array([(scan.t_ns + scan.t_start_ns) // 2 for scan, _ in rows])
+    start_ns, order = int(middle_ns[0]), np.argsort(middle_ns, kind="stable")
+    none = np.zeros(0)
+    bare = Sightings(
+        scan=np.repeat(np.arange(len(rows)), [len(clusters) for _, clusters in rows]),
+        t_s=np.concatenate([clusters.t_ns - start_ns for _, clusters in rows]) * 1e-9, range_m=none, azimuth_rad=none,
+        pose_s=(middle_ns - start_ns)[order] * 1e-9, pose_m=np.stack([scan.position_m for scan, _ in rows])[order],
+        start_ns=start_ns, reach_m=0.0, cell_m=rows[0][0].sensor.range_res_m,
+        cell_rad=rows[0][0].sensor.azimuth_res_rad,
+    )  # fmt: skip
+    mean_m = np.concatenate([clusters.mean_m for _, clusters in rows])
+    range_m, azimuth_rad = geo.en_to_polar(mean_m - bare.sensor_m(bare.t_s))
+    return replace(bare, range_m=range_m, azimuth_rad=azimuth_rad, reach_m=float(range_m.max(initial=0.0)))
+
+
+def ways_of(reference: Reference, start_ns: int, *, max_gap_s: float, bias_m: float = 0.0) -> list[Way]:
+    """The ships that are under way at some time, by id. `bias_m` of each, 0 = by its length."""
+    ways = []
+    for i, (first, last) in enumerate(zip(reference.start[:-1].tolist(), reference.start[1:].tolist(), strict=True)):
+        if last - first < 2:
+            continue
+        t_s = np.asarray((reference.t_ns[first:last] - start_ns) * 1e-9, np.float64)
+        length_m, width_m = float(reference.length_m[i]), float(reference.width_m[i])
+        bias = bias_m or max(BIAS_SHARE * (length_m if length_m > 0 else LENGTH_M), LEAST_BIAS_M)
+        way = Way(
+            reference.ids[i], reference.names[i], length_m, width_m, bias, t_s, reference.position_m[first:last],
+            max_gap_s,
+        )  # fmt: skip
+        if way.at((t_s[1:] + t_s[:-1]) / 2)[2].any():
+            ways.append(way)
+    return ways
