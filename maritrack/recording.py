@@ -39,9 +39,7 @@ class Recording:
     frames: Iterator[Frame]
     origin: Origin | None
     reference: Reference | None
-    side: Mapping[
-        str, bytes
-    ]  # documents that replay needs besides the input: "truth", "own-ship", "sensors", "calibration"
+    side: Mapping[str, bytes]  # documents that replay needs besides: "truth", "own-ship", "sensors", "calibration"
     damage: tuple[Damage, ...]  # of the side documents, one a code
 
 
@@ -84,10 +82,8 @@ def side_documents(
                 documents[name] = path.read_bytes()
             except OSError as error:
                 raise InputError(f"{path}: {error.strerror or error}") from None
-            if name in ("truth", "own-ship") and (kind := sniff(documents[name][:65536], str(path))) in (
-                "cat240",
-                "plots",
-            ):
+            kind = sniff(documents[name][:65536], str(path)) if name in ("truth", "own-ship") else ""
+            if kind in ("cat240", "plots"):
                 raise InputError(f"{path}: a recording ({kind}), no reference positions")
     if sensors is not None or calibration is not None:  # they may name sensors by the stems of their files
         documents["names"] = "\n".join(path.stem for path in paths).encode()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,19 @@ import numpy as np
 from maritrack import retrospect
 from maritrack.calibrate.fit import LATE_S, LATE_SIGMAS, Fit, first_guess, fit
 from maritrack.calibrate.search import LEAST_SCANS, Span, search
-from maritrack.calibrate.sightings import Sightings, Way, sightings_of, ways_of
+from maritrack.calibrate.sightings import BIAS_SHARE, Sightings, Way, sightings_of, ways_of
 from maritrack.chain import build_chain, process
 from maritrack.errors import UsageError
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.io.sensors import for_input
 from maritrack.io.source import Octets
+from maritrack.objects import matrix2
 from maritrack.recording import Recording, open_recording, sensors_of
 from maritrack.settings import Config, InputConfig
 from maritrack.types import Frame
 
 MAX_GAP_TRACK_S = 10.0  # between two rows of a track of the radar that stands for the truth
-BIAS_TRACK_M = 5.0  # between the echoes of a ship in two radars
+BIAS_TRACK_M = 5.0  # at least, between the echoes of a ship in two radars
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,24 +98,28 @@ def _against_truth(
         reference = reference or recording.reference
         sensors += _sensors(recording.frames, one, kind, side, config)
     assert reference is not None
-    return _told("truth", _named(sensors, octets), reference, config.score.max_gap_moving_s, 0.0, span, lags=True)
+    known = partial(ways_of, reference, max_gap_s=config.score.max_gap_moving_s, bias_m={})
+    return _told("truth", _named(sensors, octets), known, span, lags=True)
 
 
 def _against_first(
     octets: Sequence[Octets], kinds: Sequence[str], side: Mapping[str, bytes], config: Config, span: Span
 ) -> Calibration:
     first = open_recording(octets[:1], kinds[:1], side, config)
-    reference = tracks_as_truth(first, config)
+    reference, bias_m = tracks_as_truth(first, config)
     sensors: list[_One] = []
     for one, kind in zip(octets[1:], kinds[1:], strict=True):
         frames = open_recording([one], [kind], side, config).frames
         sensors += _sensors(frames, one, kind, side, config)
-    name = Path(octets[0].name).stem
-    return _told(name, _named(sensors, octets), reference, MAX_GAP_TRACK_S, BIAS_TRACK_M, span, lags=False)
+    known = partial(ways_of, reference, max_gap_s=MAX_GAP_TRACK_S, bias_m=bias_m)
+    return _told(Path(octets[0].name).stem, _named(sensors, octets), known, span, lags=False)
 
 
-def tracks_as_truth(recording: Recording, config: Config) -> Reference:
-    """The tracks of a recording that move, in hindsight, as ships with reports."""
+def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, dict[str, float]]:
+    """The tracks of a recording that move, in hindsight, as ships with reports, and how far off their echoes may lie.
+
+    From another side another end of a hull shines: within a share of the length that the track has.
+    """
     chain = build_chain(config)
     state, rows = chain.init(), []
     for frame in recording.frames:
@@ -125,9 +131,11 @@ def tracks_as_truth(recording: Recording, config: Config) -> Reference:
     unknown = np.full(len(ids), math.nan)
     reports = Reports(ship, moving.t_ns, moving.position_m, moving.velocity_mps, np.full(len(moving), math.nan))
     names = [f"T{i}" for i in ids.tolist()]
-    return build_reference(
-        reports, ids=names, names=names, length_m=unknown, width_m=unknown, complete=False,
-    )  # fmt: skip
+    half_m = np.sqrt(np.maximum(matrix2.eigen(moving.extent_m2)[0][:, 0], 0.0))
+    length_m = [2.0 * float(np.median(half_m[ship == i])) for i in range(len(ids))]
+    bias_m = {name: max(BIAS_SHARE * length, BIAS_TRACK_M) for name, length in zip(names, length_m, strict=True)}
+    told = build_reference(reports, ids=names, names=names, length_m=unknown, width_m=unknown, complete=False)
+    return told, bias_m
 
 
 def _sensors(frames: Iterable[Frame], one: Octets, kind: str, side: Mapping[str, bytes], config: Config) -> list[_One]:
@@ -156,19 +164,12 @@ def _named(sensors: Sequence[_One], octets: Sequence[Octets]) -> list[_One]:
 
 
 def _told(
-    against: str,
-    sensors: Sequence[_One],
-    reference: Reference,
-    max_gap_s: float,
-    bias_m: float,
-    span: Span,
-    *,
-    lags: bool,
+    against: str, sensors: Sequence[_One], known: Callable[[int], list[Way]], span: Span, *, lags: bool
 ) -> Calibration:
+    """What comes out for each sensor against the ways that are known, in seconds since a time."""
     results, lag_rows = [], []
     for one in sensors:
-        ways = ways_of(reference, one.sightings.start_ns, max_gap_s=max_gap_s, bias_m=bias_m)
-        found, which = fitted(one.key, one.sightings, ways, span, lags=lags)
+        found, which = fitted(one.key, one.sightings, known(one.sightings.start_ns), span, lags=lags)
         results.append(_sensor_result(one, found, which))
         lag_rows += [(way, found, i) for i, way in enumerate(which)] if lags else []
     return Calibration(against, tuple(results), _ship_results(lag_rows))

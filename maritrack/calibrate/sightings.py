@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,15 +96,16 @@ def _put_together(rows: list[tuple[Scan, Clusters]]) -> Sightings:
     return replace(bare, range_m=range_m, azimuth_rad=azimuth_rad, reach_m=float(range_m.max(initial=0.0)))
 
 
-def ways_of(reference: Reference, start_ns: int, *, max_gap_s: float, bias_m: float = 0.0) -> list[Way]:
-    """The ships that are under way at some time, by id. `bias_m` of each, 0 = by its length."""
+def ways_of(reference: Reference, start_ns: int, *, max_gap_s: float, bias_m: Mapping[str, float]) -> list[Way]:
+    """The ships that are under way at some time, by id. `bias_m` by id, where the length does not tell it."""
     ways = []
     for i, (first, last) in enumerate(zip(reference.start[:-1].tolist(), reference.start[1:].tolist(), strict=True)):
         if last - first < 2:
             continue
         t_s = np.asarray((reference.t_ns[first:last] - start_ns) * 1e-9, np.float64)
         length_m, width_m = float(reference.length_m[i]), float(reference.width_m[i])
-        bias = bias_m or max(BIAS_SHARE * (length_m if length_m > 0 else LENGTH_M), LEAST_BIAS_M)
+        by_length = max(BIAS_SHARE * (length_m if length_m > 0 else LENGTH_M), LEAST_BIAS_M)
+        bias = bias_m.get(reference.ids[i], by_length)
         way = Way(
             reference.ids[i], reference.names[i], length_m, width_m, bias, t_s, reference.position_m[first:last],
             max_gap_s,

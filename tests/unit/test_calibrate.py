@@ -131,7 +131,7 @@ def test_ways_are_those_of_ships_under_way_and_bridge_no_long_gaps() -> None:
     reference = build_reference(
         reports, ids=["a", "b"], names=["", ""], length_m=unknown[:2], width_m=unknown[:2], complete=False
     )
-    (way,) = ways_of(reference, 10**10, max_gap_s=30.0)
+    (way,) = ways_of(reference, 10**10, max_gap_s=30.0, bias_m={})
     assert way.id == "a" and way.bias_m == 50.0 and way.speed_mps == 5.0
     place, velocity, under_way = way.at(np.array([-15.0, -5.0, 0.0, 5.0, 50.0, 95.0]))
     assert under_way.tolist() == [False, True, True, True, False, False]
