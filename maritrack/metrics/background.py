@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maritrack.types import BoolArray, FloatArray, Points, Truth
+from maritrack.types import BoolArray, FloatArray, IntArray, Points, Truth
 
 COURSE_MPS = 0.5  # above this the course stands for a heading that is not known
 
@@ -44,24 +44,27 @@ def confusion(points: Points, keep: BoolArray, truth: Truth, *, margin_m: float 
 
 
 def in_boxes(points: Points, truth: Truth, *, margin_m: float = 0.0) -> BoolArray:
-    """Whether each point (n,) lies in the box of a vessel at the time when the beam saw it.
+    """Whether each point (n,) lies in the box of a vessel at the time when the beam saw it."""
+    inside = np.zeros(len(points), bool)
+    for i in range(len(truth)):
+        inside |= in_box(points.position_m, points.t_ns, truth, i, margin_m=margin_m)
+    return inside
+
+
+def in_box(position_m: FloatArray, t_ns: IntArray, truth: Truth, i: int, *, margin_m: float = 0.0) -> BoolArray:
+    """Whether each position (n, 2) lies in the box of vessel i, which is moved on to the times t_ns (n,).
 
     A vessel whose size or heading is unknown has no box; under way its course stands for the heading.
     """
-    inside = np.zeros(len(points), bool)
-    speed_mps = np.hypot(truth.velocity_mps[:, 0], truth.velocity_mps[:, 1])
-    course_rad = np.arctan2(truth.velocity_mps[:, 0], truth.velocity_mps[:, 1])
-    heading_rad = np.where(np.isnan(truth.heading_rad) & (speed_mps > COURSE_MPS), course_rad, truth.heading_rad)
-    since_s = (points.t_ns - truth.t_ns) * 1e-9
-    velocity_mps = np.nan_to_num(truth.velocity_mps)
-    known = np.isfinite(heading_rad) & np.isfinite(truth.length_m) & np.isfinite(truth.width_m)
-    for i in np.flatnonzero(known).tolist():
-        ahead_m, abeam_m = _aboard(
-            points.position_m - truth.position_m[i] - since_s[:, None] * velocity_mps[i], float(heading_rad[i])
-        )
-        along, across = truth.length_m[i] / 2 + margin_m, truth.width_m[i] / 2 + margin_m
-        inside |= (np.abs(ahead_m) <= along) & (np.abs(abeam_m) <= across)
-    return inside
+    east_mps, north_mps = truth.velocity_mps[i].tolist()
+    heading_rad = float(truth.heading_rad[i])
+    if math.isnan(heading_rad) and math.hypot(east_mps, north_mps) > COURSE_MPS:
+        heading_rad = math.atan2(east_mps, north_mps)
+    since_s = (t_ns - truth.t_ns) * 1e-9
+    moved_m = since_s[:, None] * np.nan_to_num(truth.velocity_mps[i])
+    ahead_m, abeam_m = _aboard(position_m - truth.position_m[i] - moved_m, heading_rad)
+    along, across = truth.length_m[i] / 2 + margin_m, truth.width_m[i] / 2 + margin_m
+    return np.asarray((np.abs(ahead_m) <= along) & (np.abs(abeam_m) <= across))  # false where something is nan
 
 
 def _aboard(offset_m: FloatArray, heading_rad: float) -> tuple[FloatArray, FloatArray]:

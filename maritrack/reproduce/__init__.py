@@ -17,9 +17,16 @@ def _polar(plan: Plan, tick: Tick | None) -> Report:
     return reproduce(plan, tick)
 
 
-REPRODUCTIONS: dict[str, Experiment] = {
-    "polar": _polar
-}  # by key of the paper; each imports what it needs when it is called
+def _abs(plan: Plan, tick: Tick | None) -> Report:
+    from maritrack.reproduce.abs import reproduce
+
+    return reproduce(plan, tick)
+
+
+REPRODUCTIONS: dict[str, Experiment] = {  # by key of the paper; each imports what it needs when it is called
+    "polar": _polar,
+    "abs": _abs,
+}
 
 
 def reproduce(paper: str, plan: Plan, *, tick: Tick | None = None) -> Report:
