@@ -126,6 +126,13 @@ def test_a_cluster_that_is_explained_bears_nothing() -> None:
     assert_allclose(state.existence, [1.0 + 0.95 * 0.208], atol=0.01)  # the missed copy has merged into the updated one
 
 
+def test_a_cluster_that_is_explained_by_more_than_half_bears_nothing() -> None:
+    """A light component explains 0.72 of it: 2.55 / (1 + 2.55)."""
+    state = step(CONFIG, components([1e-3], [1], [300.0]), np.array([[300.0, 0.0]]), 0.0)
+    assert state.id.tolist() == [1]
+    assert 0.6 < state.existence[0] < 0.8
+
+
 def test_what_is_alike_merges_under_the_label_of_the_heaviest() -> None:
     mixture = components([0.2, 0.9, 0.1], [1, 2, 3], [0.0, 2.0, 500.0])
     state = reduced(mixture)

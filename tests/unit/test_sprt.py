@@ -223,3 +223,20 @@ def test_the_settings_of_the_test_replace_those_on_existence_alone() -> None:
 def test_settings_under_which_no_track_could_live_are_errors(setting: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         plain_config("sprt", setting)
+
+
+def test_the_bias_of_a_centroid_counts_in_the_update() -> None:
+    """25 m^2 of noise and 100 m^2 of bias on either side: half way, not 5/6 of it."""
+    config = plain_config("sprt", "model.centroid_sigma_m=10.0")
+    state = step(config, step(config, None, [[300.0, 400.0]], 0.0), [[308.0, 400.0]], 0.0)
+    assert_allclose(state.density.x[:1, :2], [[304.0, 400.0]], rtol=1e-9)
+
+
+def test_certainty_of_the_extent_is_capped() -> None:
+    config = plain_config(
+        "sprt", "model.extent=random-matrix", "cluster.method=cartesian-dbscan", "model.alpha_max=10.0"
+    )
+    hull, state = np.array([500.0, 900.0]) + np.random.default_rng(2).uniform(-20, 20, (60, 2)), None
+    for k in range(3):
+        state = step(config, state, hull, float(k))
+    assert_allclose(state.density.alpha, [10.0])
