@@ -23,7 +23,7 @@ from maritrack.io.cat240.radials import Batch, Radials, Text
 from maritrack.io.datagrams import NO_TIME
 from maritrack.types import BoolArray, Damage, IntArray
 
-ODD_LEAST, ODD_SHARE = 8, 8  # so many odd blocks, and one in so many more, are still worth the walk
+ODD_LEAST, ODD_SHARE = 8, 8  # so many odd blocks, and one for so many usual ones, are still worth the walk
 ODD_OCTETS = 1024  # of an odd block: a longer one holds many records
 AGAIN = 16  # frames that the general reader has to read again to know what came before
 TAIL = np.dtype([("tod", ">u4"), ("after", "u1")])  # from the octet before the time of day to that behind it
@@ -173,7 +173,8 @@ def _odd_blocks(octets: U8, base: int, blocks: Blocks, usual: BoolArray) -> tupl
     from maritrack.io.cat240.reader import text_of  # most recordings have no need of the general reader
 
     texts: list[Text] = []
-    for i in odd[: ODD_LEAST + len(usual) // ODD_SHARE]:
+    most = ODD_LEAST + (len(usual) - len(odd)) // ODD_SHARE
+    for i in odd[:most]:
         begin = int(blocks.begin[i])
         if blocks.end[i] - begin > ODD_OCTETS:
             return i, tuple(texts)
@@ -182,8 +183,7 @@ def _odd_blocks(octets: U8, base: int, blocks: Blocks, usual: BoolArray) -> tupl
         if block.videos or block.damage or block.lost or not block.summaries:
             return i, tuple(texts)
         texts += [text_of(summary, base + begin) for summary in block.summaries]
-    left = odd[ODD_LEAST + len(usual) // ODD_SHARE :]
-    return left[0] if left else len(usual), tuple(texts)
+    return odd[most] if most < len(odd) else len(usual), tuple(texts)
 
 
 def _screen(memories: dict[int, Memory], c: Columns) -> tuple[BoolArray | None, tuple[Damage, ...]]:

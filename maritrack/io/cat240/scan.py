@@ -20,7 +20,7 @@ from maritrack.types import Damage, IntArray
 MOST = 4096  # blocks, and things found, in a stretch
 FEW_BLOCKS = 8  # that are taken at once where the chain broke
 EFFORT_FLOOR, EFFORT_OCTETS = 8192, 96  # an exact record, some 30 us, for so many octets; so many at the beginning
-BREAK = 8  # what a break of the chain takes, in exact records
+BREAK = 12  # what a break of the chain takes, in exact records
 FOREIGN = 3  # a few blocks of other categories
 HURRY = 1 << 18  # octets that are looked through when there is no effort left
 
