@@ -13,7 +13,8 @@ from . import render
 HELP = """Run again from an archive: the recording, the configuration and the truth are in it.
 
 --verify compares every output message with the archived one: exit 0 the same, 1 different. An archive
-of a run that was killed (run.mcap.partial) is replayed as far as it goes.
+of a run that was killed (run.mcap.partial) is replayed as far as it goes. Offline tracks (`maritrack smooth`) are no
+run of their own: replay the run that they come from, then smooth that.
 
 Examples:
 
