@@ -17,7 +17,7 @@ code is 0. Results do not depend on --workers.
 
 Examples:
 
-    maritrack reproduce polar --quick --workers 2
+    maritrack reproduce polar --quick
 
     maritrack reproduce polar -o polar-again --seeds 5
 
@@ -37,7 +37,7 @@ def reproduce(
     *,
     quick: Annotated[bool, opt.method("--quick", "Fewer and shorter runs, the same statements.")] = False,
     seeds: Annotated[int, opt.method("--seeds", "Monte Carlo runs; 0 = as many as the experiment has.")] = 0,
-    workers: Annotated[int, opt.method("--workers", "-w", "Processes.")] = 1,
+    workers: Annotated[int, opt.method("--workers", "-w", "Processes; 0 = one for each core.")] = 0,
     out: Annotated[Path | None, opt.output("--out", "-o", "Folder for figures and report.json.")] = None,
     list_: Annotated[bool, opt.display("--list", "Papers that can be run again.")] = False,
     json_: opt.Json = False,
@@ -45,6 +45,7 @@ def reproduce(
 ) -> None:
     """Run, write the report, render."""
     from maritrack.errors import UsageError
+    from maritrack.fanout import cores
     from maritrack.reproduce import REPRODUCTIONS
     from maritrack.reproduce import reproduce as run_again
     from maritrack.reproduce.claims import Plan
@@ -54,8 +55,9 @@ def reproduce(
         return
     if not paper:
         raise UsageError("which paper?", hint="papers: " + ", ".join(REPRODUCTIONS))
+    plan = Plan(quick=quick, seeds=seeds, workers=workers or cores(), out=out)
     with render.steps("run", quiet=quiet) as tick:
-        report = run_again(paper, Plan(quick=quick, seeds=seeds, workers=workers, out=out), tick=tick)
+        report = run_again(paper, plan, tick=tick)
     if out is not None:
         render.write_json(out / "report.json", report.document())
     if json_:

@@ -33,5 +33,12 @@ def fan_out(
         yield answer
 
 
+def cores() -> int:
+    """Cores that this process may use, limits of its container included."""
+    from joblib import cpu_count
+
+    return int(cpu_count())
+
+
 def _one(work: Callable[[Item], Answer], number: int, item: Item) -> tuple[int, Answer]:
     return number, work(item)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from maritrack.fanout import fan_out
+from maritrack.fanout import cores, fan_out
 
 
 def square(x: int) -> int:
@@ -31,3 +31,7 @@ def test_an_error_reaches_the_caller() -> None:
 
 def test_nothing_to_do_is_nothing_done() -> None:
     assert list(fan_out(square, [], workers=2)) == []
+
+
+def test_there_is_a_core_to_work_on() -> None:
+    assert cores() >= 1
