@@ -16,6 +16,7 @@ from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.fuse import in_steps, merge_sources
+from maritrack.io.nmea import read_nmea
 from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
@@ -156,10 +157,14 @@ def carriers_of(
     """Reports of each ship that settings name as the carrier of a sensor, all in the plane of one origin."""
     found: dict[str, AisDocument] = {}
     for ship in dict.fromkeys(one.own_ship for one in settings if one.own_ship):
-        name = next((n for n in ("own-ship", "truth") if n in side and sniff(side[n][:65536], n) == "ais"), None)
-        if name is None:
+        kinds = {n: sniff(side[n][:65536], n) for n in ("own-ship", "truth") if n in side}
+        name = next((n for n, kind in kinds.items() if kind == "ais"), None)
+        if kinds.get("own-ship") == "nmea" and not found:  # of one ship, whatever its name
+            document = read_nmea(side["own-ship"], name="own-ship", date=settings[0].date, origin=origin)
+        elif name is not None:
+            document = read_ais(side[name], name=name, date=settings[0].date, origin=origin, own_ship=ship)
+        else:
             raise InputError(f"own_ship = '{ship}': no AIS reports to find it in", hint="pass them with --own-ship")
-        document = read_ais(side[name], name=name, date=settings[0].date, origin=origin, own_ship=ship)
         origin, found[ship] = document.origin, document
     return found
 
@@ -193,6 +198,8 @@ def fixed_origin(settings: InputConfig) -> Origin | None:
 
 def own_ship(side: Mapping[str, bytes], settings: InputConfig, origin: Origin | None) -> AisDocument | None:
     """AIS that places the radar: the document given for it, else an entry of the truth marked as own ship."""
+    if "own-ship" in side and sniff(side["own-ship"][:65536], "own-ship") == "nmea":
+        return read_nmea(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
     if "own-ship" in side:
         document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
         if document.own is None and len(document.reference.ids) == 1:

@@ -24,13 +24,14 @@ READ = (
     "CAT240 radar video (as blocks, pcap, pcapng, FINAL or MCAP, also gzipped), points as JSON, Autoferry, plots and "
     "AIS as CSV are read"
 )
+OWN_SHIP = re.compile(r"(?:\\[^\\\r\n]*\\)?\$[A-Z]{2}[A-Z]{3},")  # a sentence of an instrument, maybe behind a tag
 LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
 
 
 def sniff(head: bytes, name: str) -> str:
     """The kind of an input from its first octets (64 KiB are enough).
 
-    "cat240", "points", "autoferry", "autoferry-truth", "plots" or "ais". InputError says what else it
+    "cat240", "points", "autoferry", "autoferry-truth", "plots", "ais" or "nmea". InputError says what else it
     is, as far as that can be told.
     """
     if not head:
@@ -82,6 +83,8 @@ def _text_kind(head: bytes, name: str) -> str:
         return ""
     if text.startswith(("!AIVDM", "!BSVDM", "$PGHP", "\\")) and "VDM," in text:
         raise InputError(f"{name}: AIS sentences (NMEA)", hint="they are not read yet: decode them to CSV")
+    if OWN_SHIP.match(text):
+        return "nmea"
     return _table_kind(text)
 
 
