@@ -15,6 +15,7 @@ RADIAL_S = 500.0  # "after 500 s" V3 heads for two radars
 MOORS_S = 1750.0  # "after 1750 s" V3 moors
 HELD = 0.9  # share of its time under way in which a vessel has a track, to be called tracked
 KEEPS = 0.9  # ... and one and the same
+LEAVING = 75  # steps under way in which a track of the berth must have the vessel for the most part
 V2, V3 = "acs-diamond", "evelyn-maersk"
 LEAST = 0.01  # a rate has to differ by this to be called lower
 
@@ -110,8 +111,9 @@ def _berth(runs: Sequence[Run], vessel: str) -> Claim:
         i = run.vessels.index(vessel)
         away = np.flatnonzero(run.under_way[:, i])
         lies_s.append(float(run.t_s[away[0]]))
-        at_berth, left = run.held_by[: away[0], i], run.held_by[away, i]
-        kept.append(bool(len(set(at_berth[at_berth >= 0]) & set(left[left >= 0]))))
+        at_berth, left = run.held_by[: away[0], i], run.held_by[away[:LEAVING], i]
+        at_berth, left = at_berth[at_berth >= 0], left[left >= 0]
+        kept.append(bool(len(at_berth) and len(left) and at_berth[-1] == np.bincount(left).argmax()))
     told = {"kept": float(np.mean(kept)), "at_berth_s": _mean(lies_s)}
     return Claim(f"sea empty at first: the track of {vessel} survives the berth she leaves", all(kept), told, None)
 
@@ -121,9 +123,9 @@ def _moors(name: str, runs: Sequence[Run]) -> Claim:
     kept, stationary = [], []
     for run in runs:
         i = run.vessels.index(V3)
-        before = run.held_by[run.under_way[:, i], i]
-        kept.append(bool(len(before)) and run.held_by[-1, i] >= 0 and run.held_by[-1, i] in before[-100:])
-        stationary.append(bool(run.stationary[-1, i]))
+        before, last = run.held_by[run.under_way[:, i], i], int(np.flatnonzero(run.known[:, i])[-1])
+        kept.append(bool(run.held_by[last, i] >= 0 and run.held_by[last, i] in before))
+        stationary.append(bool(run.stationary[last, i]))
     told = {"kept": float(np.mean(kept)), "stationary_at_the_end": float(np.mean(stationary))}
     return Claim(f"{name}: the track of {V3} survives the berth she reaches", all(kept), told, None)
 

@@ -35,20 +35,20 @@ def _canvas(width: float, height: float) -> Any:
 
 def _figure_2(by: dict[str, Run], path: Path) -> None:
     """Points and tracks at the three key times."""
-    figure = _canvas(18.0, 9.0)
-    shots = by["1B"].snapshots
+    figure = _canvas(20.0, 5.0)
+    shots = by["2B"].snapshots
     axes = np.atleast_2d(figure.subplots(max(len(shots), 1), 3, sharex=True, sharey=True))
     for row, shot in enumerate(shots):
         _points(axes[row][0], shot)
-        _tracks(axes[row][1], by["1A"].snapshots[row])
+        _tracks(axes[row][1], by["2A"].snapshots[row])
         _tracks(axes[row][2], shot)
         axes[row][0].set_ylabel(f"k = {shot.t_s:.0f} s\nnorth [m]")
-    for at, title in zip(axes[0], ("1B: background and foreground", "1A: tracks", "1B: tracks"), strict=True):
+    for at, title in zip(axes[0], ("2B: background and foreground", "2A: tracks", "2B: tracks"), strict=True):
         at.set_title(title)
     for at in axes.ravel():
         at.set_aspect("equal")
         at.set_xlim(-3300.0, 3600.0)
-        at.set_ylim(-600.0, 600.0)
+        at.set_ylim(-480.0, 480.0)
     figure.savefig(path, dpi=110)
 
 

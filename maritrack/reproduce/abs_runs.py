@@ -62,6 +62,7 @@ class Run:
     seed: int
     t_s: FloatArray  # (k,) end of the step since the first spoke
     vessels: tuple[str, ...]
+    known: BoolArray  # (k, v) AIS tells where it is
     under_way: BoolArray  # (k, v)
     held_by: IntArray  # (k, v) id of the track that has it, -1 = none
     stationary: BoolArray  # (k, v) that track is held in the background
@@ -171,6 +172,7 @@ class _Watch:
 
         return Run(
             case=case, seed=seed, t_s=(np.array(sorted(self.steps)) + 1.0) * self.turn_s, vessels=vessels,
+            known=np.array([[v in step["truth"].id for v in vessels] for step in steps]),
             under_way=column("under_way", False), held_by=column("held_by", -1), stationary=column("stationary", False),
             n_tracks=np.array([step["n_tracks"] for step in steps]), table=np.array([step["table"] for step in steps]),
             converged_s=self.converged_s, snapshots=tuple(_snapshot(t, r) for t, r in sorted(self.snapshots.items())),

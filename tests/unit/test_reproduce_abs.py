@@ -37,7 +37,8 @@ def made_up(case: Case, *, fp: int = 20, **changes: Any) -> Run:
     stationary = np.zeros_like(under_way)
     stationary[T_S >= 2085, 2] = True
     run = Run(
-        case=case, seed=1, t_s=T_S, vessels=VESSELS, under_way=under_way, held_by=held_by, stationary=stationary,
+        case=case, seed=1, t_s=T_S, vessels=VESSELS, known=np.full((600, 3), True),
+        under_way=under_way, held_by=held_by, stationary=stationary,
         n_tracks=(held_by >= 0).sum(axis=1), table=table, converged_s=250.0, snapshots=(),
     )  # fmt: skip
     return replace(run, **changes)
