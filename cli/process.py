@@ -29,6 +29,10 @@ Examples:
     nc -lu 8600 | maritrack process - -o live
 
     maritrack process detections.json --set model.p_detect=0.9 --json | python -m json.tool
+
+    maritrack process monday.cat240 --save-background harbour.npz
+
+    maritrack process tuesday.cat240 --background harbour.npz
 """
 
 
@@ -59,12 +63,14 @@ def process(
     from_s: Annotated[float | None, opt.given("--from", "Begin so many seconds after the first scan.")] = None,
     to_s: Annotated[float | None, opt.given("--to", "End so many seconds after the first scan.")] = None,
     limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
+    background: Annotated[Path | None, opt.given("--background", "Background learned before (npz).")] = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     strict: Annotated[bool, opt.given("--strict", "Stop at the first damage in the input.")] = False,
     workers: Annotated[int, opt.given("--workers", "Processes that inflate compressed video.")] = 1,
     out: opt.Out = None,
     no_rrd: Annotated[bool, opt.output("--no-rrd", "No picture.")] = False,
     no_mcap: Annotated[bool, opt.output("--no-mcap", "No archive.")] = False,
+    save_background: Annotated[Path | None, opt.output("--save-background", "Write the background learned.")] = None,
     force: Annotated[bool, opt.output("--force", "Run even if an equal run is there.")] = False,
     view: Annotated[bool, opt.display("--view", "Open the picture in the Rerun viewer.")] = False,
     json_: opt.Json = False,
@@ -100,12 +106,14 @@ def process(
     if calibration is not None:
         over |= lags_over(calibration, over)
     settings = load_config(preset=chosen, file=config, sets=sets or (), over=over)
-    side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors, calibration=calibration)
+    side = side_documents(
+        inputs, truth=truth, own_ship=own_ship, sensors=sensors, calibration=calibration, background=background
+    )
     job = Job(
         octets=octets, kinds=kinds, side=side, config=settings,
         input_sha256=[input_digest(o, p) for o, p in zip(octets, inputs, strict=True)],
         name="stdin" if str(inputs[0]) == "-" else inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap,
-        strict=strict, force=force, workers=workers,
+        strict=strict, force=force, workers=workers, save_background=save_background,
     )  # fmt: skip
     render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
     scans = settings.input.limit

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from maritrack.cluster.stage import cluster_points
-from maritrack.detect.background import Background, learn, mask_of, no_background
+from maritrack.detect.background import Background, learn, mask_of, no_background, under
 from maritrack.detect.cells import detect_cells, empty_points
 from maritrack.errors import ConfigError
 from maritrack.geo import in_mask
@@ -58,7 +58,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     config, scan, clock = chain.config, frame.scan, _Clock()
     points = detect(scan, config)
     clock.lap("detect")
-    background, mask, keep = subtract(state.background, scan, points, config)
+    background, mask, keep = subtract(state.background, scan, points, spared(chain, state), config)
     left = points if mask is None else take(points, keep)
     clock.lap("subtract")
     clusters = cluster_points(left, scan, config.cluster, config.input)
@@ -96,19 +96,33 @@ def detect(scan: Scan, config: Config) -> Points:
 
 
 def subtract(
-    background: Mapping[str, Background], scan: Scan, points: Points, config: Config
+    background: Mapping[str, Background], scan: Scan, points: Points, spare: Tracks | None, config: Config
 ) -> tuple[Mapping[str, Background], Mask | None, BoolArray]:
-    """The models with one more scan, the pixels of its sensor that are background, the points (n,) that are not."""
+    """The models with one more scan, the pixels of its sensor that are background, the points (n,) that are not.
+
+    What lies under the tracks `spare` is neither learned nor taken away.
+    """
     rules = config.subtract
     if rules.method == "none":
         return background, None, np.ones(len(points), bool)
     name = model_name(scan, config)
     model = learn(
         background.get(name, no_background()), scan, points, rules,
-        roi_min_m=config.input.roi_min_m, roi_max_m=config.input.roi_max_m,
+        roi_min_m=config.input.roi_min_m, roi_max_m=min(config.input.roi_max_m, rules.max_range_m), spared=spare,
     )  # fmt: skip
     mask = mask_of(model, rules)
-    return {**background, name: model}, mask, ~in_mask(mask, points.position_m)
+    keep = ~in_mask(mask, points.position_m) | (points.range_m > rules.max_range_m)
+    if spare is not None:
+        keep |= under(spare, points.position_m, scan.t_ns, rules.pixel_m)
+    return {**background, name: model}, mask, keep
+
+
+def spared(chain: Chain, state: ChainState) -> Tracks | None:
+    """Tracks under way after the last scan, where background subtraction is to leave them alone."""
+    if chain.config.subtract.method == "none" or chain.config.subtract.spare == "none":
+        return None
+    tracks = chain.tracker.estimate(state.tracker)
+    return take(tracks, (tracks.status >= CONFIRMED) & tracks.moving)
 
 
 def model_name(scan: Scan, config: Config) -> str:

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.chain import build_chain, process
+from maritrack.detect.snapshot import read_snapshot
 from maritrack.errors import InputError, UsageError
 from maritrack.io.source import Octets
 from maritrack.manifest import make_manifest
 from maritrack.recording import Recording, open_recording
 from maritrack.run import Progress, Sink, Step, run
 from maritrack.settings import Config
+from maritrack.sinks.background import BackgroundSink
 from maritrack.sinks.summary import write_summary
 from maritrack.types import RunManifest
 
@@ -38,6 +40,7 @@ class Job:
     strict: bool = False
     workers: int = 1  # processes that inflate video; they change nothing but the time
     force: bool = False
+    save_background: Path | None = None  # where to write what was learned of the background
     raster_px: int = field(default=1024)
 
 
@@ -55,7 +58,8 @@ def execute(
     )  # fmt: skip
     kind = "offline-" if smoothed_from else ""
     folder = job.out or Path("runs") / f"{_safe(job.name)}-{manifest.tracker}-{kind}{manifest.run_id[:8]}"
-    if not job.force and all(job.input_sha256) and (old := finished(folder, manifest, job)) is not None:
+    again = job.force or job.save_background is not None
+    if not again and all(job.input_sha256) and (old := finished(folder, manifest, job)) is not None:
         return old, True
     folder.mkdir(parents=True, exist_ok=True)
     with only_one(folder):
@@ -73,6 +77,7 @@ def execute(
             return summary, False
         unlink(folder, *(name for name, wanted in ((RRD, job.rrd), (MCAP, job.mcap)) if not wanted))
         names = [(name, folder / file) for name, file in (("rrd", RRD), ("mcap", MCAP)) if (folder / file).exists()]
+        names += [("background", job.save_background)] if job.save_background is not None else []
         summary["outputs"] = {name: str(path) for name, path in names} | {"summary": str(folder / SUMMARY)}
         write_summary(folder / SUMMARY, summary)
     return summary, False
@@ -112,8 +117,13 @@ def finished(folder: Path, manifest: RunManifest, job: Job) -> dict[str, Any] | 
 
 
 def _chain(config: Config, recording: Recording) -> Any:
-    reference = recording.reference
-    return build_chain(config, unexplained=reference is not None and not reference.complete)
+    reference, snapshot = recording.reference, recording.side.get("background")
+    known = {}
+    if snapshot is not None:
+        if config.subtract.method == "none":
+            raise UsageError("background: nothing is subtracted", hint="--set subtract.method=abs")
+        known = read_snapshot(snapshot, config.subtract, recording.origin, name="background")
+    return build_chain(config, unexplained=reference is not None and not reference.complete, background=known)
 
 
 def _sinks(job: Job, folder: Path) -> list[Sink]:
@@ -132,6 +142,8 @@ def _sinks(job: Job, folder: Path) -> list[Sink]:
         from maritrack.sinks.rerun import RerunSink  # a second of imports that other commands need not pay
 
         sinks.append(RerunSink(folder / RRD, flush_scans=output.chunk_scans, raster_px=job.raster_px))
+    if job.save_background is not None:
+        sinks.append(BackgroundSink(job.save_background, job.config.subtract))
     return sinks
 
 

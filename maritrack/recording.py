@@ -40,7 +40,7 @@ class Recording:
     frames: Iterator[Frame]
     origin: Origin | None
     reference: Reference | None
-    side: Mapping[str, bytes]  # documents that replay needs besides: "truth", "own-ship", "sensors", "calibration"
+    side: Mapping[str, bytes]  # documents that replay needs besides the input: "truth", "own-ship", "sensors", ...
     damage: tuple[Damage, ...]  # of the side documents, one a code
 
 
@@ -72,10 +72,12 @@ def side_documents(
     sensors: Path | None,
     no_truth: bool = False,
     calibration: Path | None = None,
+    background: Path | None = None,
 ) -> dict[str, bytes]:
     """The documents beside the input, as octets; truth beside a recording is found by itself."""
     found = None if no_truth else truth or (find_truth(paths[0]) if len(paths) == 1 else None)
-    named = {"truth": found, "own-ship": own_ship, "sensors": sensors, "calibration": calibration}
+    named = {"truth": found, "own-ship": own_ship, "sensors": sensors, "calibration": calibration,
+             "background": background}  # fmt: skip
     documents = {}
     for name, path in named.items():
         if path is not None:

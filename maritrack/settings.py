@@ -96,17 +96,22 @@ class SubtractConfig:
     half_life_s: float = 0.0
     categories: int = 256  # v: counts from 0 to v - 1, more count as v - 1; abs, Table III
     threshold: int = 5  # background has more points in a pixel; abs, Table III
-    decision: Literal["map", "tail"] = "map"  # the likeliest count exceeds it, or more than half of the probability
+    decision: Literal["map", "tail"] = "map"  # the likeliest count exceeds it, or the probability of more than it
+    tail_probability: float = 0.5  # ... this share
     start: Literal["uniform", "empty"] = "uniform"  # all counts alike, or an empty sea
+    spare: Literal["none", "moving"] = "none"  # what lies under a track under way is neither learned nor taken
     masks: Literal["sensor", "joint"] = "sensor"  # one model for each sensor, or one for all
     track_from: Literal["converged", "start"] = "start"  # cases 1 and 2 of abs, Table II
+    max_range_m: float = math.inf  # farther out nothing is learned nor taken away
     max_pixels: int = 1_000_000  # that ever had a point; beyond, those nearest to empty are forgotten
 
     def __post_init__(self) -> None:
         _positive("subtract.pixel_m", self.pixel_m)
+        _positive("subtract.max_range_m", self.max_range_m)
         _require(0.0 < self.learning_rate < 1.0, f"subtract.learning_rate = {self.learning_rate}: within 0..1")
         _require(2 <= self.categories <= 32768, "subtract.categories is within 2..32768")
         _require(0 <= self.threshold < self.categories - 1, "subtract.threshold is within 0..categories - 2")
+        _require(0 < self.tail_probability < 1, "subtract.tail_probability is between 0 and 1")
         _require(self.half_life_scans >= 0 and self.half_life_s >= 0, "subtract: half_life must not be negative")
         _require(not (self.half_life_scans and self.half_life_s), "subtract: half_life_scans or half_life_s, not both")
         _require(self.max_pixels >= 1, "subtract.max_pixels starts at 1")
@@ -121,12 +126,16 @@ class ClusterConfig:
     eps_cells: float = 0.0  # at least this many range cells; 0 = eps_m alone
     min_points: int = 3  # polar, sec. III
     min_count: int = 1  # clusters of fewer cells are dropped
+    coarse_cell_m: float = math.inf  # cells of this depth and more are longer than boats: there ...
+    coarse_min_count: int = 1  # ... clusters of fewer cells are dropped
     max_extent_m: float = math.inf  # clusters longer than this are land or arcs: dropped
     intensity_weighting: bool = True
 
     def __post_init__(self) -> None:
         _require(0 < self.eps_m < math.inf, f"cluster.eps_m = {self.eps_m} must be greater than 0, and finite")
-        _require(self.min_points >= 1 and self.min_count >= 1, "cluster: min_points and min_count start at 1")
+        counts = (self.min_points, self.min_count, self.coarse_min_count)
+        _require(min(counts) >= 1, "cluster: min_points, min_count and coarse_min_count start at 1")
+        _positive("cluster.coarse_cell_m", self.coarse_cell_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +179,24 @@ class ModelConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ClutterMapConfig:
+    """Where clusters come that no track takes: a density for each place, added to `model.clutter`."""
+
+    method: Literal["none", "cells"] = "none"
+    cell_m: float = 100.0  # of the grid in east-north
+    memory_s: float = 120.0  # time constant
+    least_rate: float = 0.2  # clusters a scan, in a cell and its neighbours, that what passes may leave: no clutter
+    counts: Literal["untaken", "not-moving"] = "untaken"  # clusters of no track, or of no track under way
+    max_cells: int = 100_000  # beyond, those of the lowest rate are forgotten
+
+    def __post_init__(self) -> None:
+        _positive("clutter_map.cell_m", self.cell_m)
+        _positive("clutter_map.memory_s", self.memory_s)
+        _require(self.least_rate >= 0, "clutter_map.least_rate must not be negative")
+        _require(self.max_cells >= 1, "clutter_map.max_cells starts at 1")
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrackerConfig:
     """Start, confirm, judge and end tracks."""
 
@@ -182,6 +209,8 @@ class TrackerConfig:
     delete_sigma_m: float = 500.0  # position less certain than this
     delete_alpha: float = 0.0  # extent with no more degrees of freedom, in a scan without a hit; 0 = none
     delete_axis_m: float = math.inf  # longer semi-axis of the extent above this; model.max_axis_m holds it below that
+    stationary_s: float = 300.0  # a confirmed track that the background has taken is kept for so long
+    covered_detect: float = 0.5  # ... and seen with no less than this share of p_detect, as it may leave at any time
     coast_misses: int = 1  # misses in a row after which a confirmed track is called coasted
     duplicate_distance_m: float = 0.0  # tracks nearer than this ...
     duplicate_speed_mps: float = 2.0  # ... and in velocity than this are one; 0 m = none
@@ -202,6 +231,8 @@ class TrackerConfig:
     def __post_init__(self) -> None:
         for name in ("birth_existence", "confirm_existence", "delete_existence"):
             _in_unit(f"tracker.{name}", getattr(self, name))
+        _require(self.stationary_s >= 0, "tracker.stationary_s must not be negative")
+        _in_unit("tracker.covered_detect", self.covered_detect)
         _positive("tracker.moving_unsteadiness", self.moving_unsteadiness)
         _positive("tracker.moving_time_constant_s", self.moving_time_constant_s)
         _require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
@@ -354,6 +385,7 @@ class Config:
     subtract: SubtractConfig = field(default_factory=SubtractConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    clutter_map: ClutterMapConfig = field(default_factory=ClutterMapConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sprt: SprtConfig = field(default_factory=SprtConfig)
     phd: PhdConfig = field(default_factory=PhdConfig)

@@ -30,7 +30,7 @@ BELOW = {  # what each part of the package may import besides itself
     "trackers": DENSITY | {"cluster"},
     "chain": LINE,
     "io": BASE | {"config", "geo"},  # knows nothing of what is made of the points
-    "sinks": BASE | {"geo", "io"},
+    "sinks": BASE | {"geo", "io", "detect"},
     "simulate": BASE | {"config", "geo", "io", "fanout"},
     "manifest": BASE | {"config", "io"},
     "recording": BASE | {"geo", "io"},

@@ -21,7 +21,8 @@ def cluster_points(points: Points, scan: Scan, config: ClusterConfig, sensor: In
     clusters = cluster_statistics(
         points, label, scan, intensity_weighting=weighting, noise=noise, scale_db=sensor.scale_db
     )
-    keep = clusters.count >= config.min_count
+    coarse = scan.sensor.range_res_m >= config.coarse_cell_m
+    keep = clusters.count >= (max(config.min_count, config.coarse_min_count) if coarse else config.min_count)
     if math.isfinite(config.max_extent_m) and len(clusters):
         keep &= _length_m(clusters) <= config.max_extent_m
     return drop_clusters(clusters, keep)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from maritrack import geo
 from maritrack.settings import SubtractConfig
-from maritrack.types import BoolArray, FloatArray, IntArray, Mask, Points, Scan, take
+from maritrack.types import BoolArray, FloatArray, IntArray, Mask, Points, Scan, Tracks, take
 
 TINY = 1e-17  # a count of this weight is as good as one that never was
 SLOTS = 4  # counts kept by a new pixel; doubled when one pixel needs more
@@ -58,19 +58,36 @@ def no_background(corner_m: tuple[float, float] = (0.0, 0.0)) -> Background:
 
 def learn(
     model: Background, scan: Scan, points: Points, rules: SubtractConfig, *,
-    roi_min_m: float = 0.0, roi_max_m: float = math.inf,
+    roi_min_m: float = 0.0, roi_max_m: float = math.inf, spared: Tracks | None = None,
 ) -> Background:  # fmt: skip
     """The model with one more scan: counts of its points per pixel, 0 in each pixel that it looked at.
+
+    What lies under the tracks `spared` is not looked at.
 
     A pixel whose centre is out of the scan's range, of the region of interest or of the sector swept has seen
     nothing and stays as it is. One that never had a point counts as looked at in every scan.
     """
     rate = rate_of(model, scan, rules)
-    key, count = np.unique(geo.pixel_key(points.position_m, rules.pixel_m, model.corner_m), return_counts=True)
+    position_m = points.position_m[points.range_m <= roi_max_m]
     centre_m = geo.pixel_centre(model.key, rules.pixel_m, model.corner_m)
     seen = geo.visible(scan, centre_m, roi_min_m, roi_max_m)
+    if spared is not None and len(spared):
+        position_m = position_m[~under(spared, position_m, scan.t_ns, rules.pixel_m)]
+        seen &= ~under(spared, centre_m, scan.t_ns, rules.pixel_m)
+    key, count = np.unique(geo.pixel_key(position_m, rules.pixel_m, model.corner_m), return_counts=True)
     model = replace(model, scans=model.scans + 1, t_ns=scan.t_ns)
     return model if rate >= 1.0 else take_counts(model, key, count, seen, rules, rate=rate)
+
+
+def under(tracks: Tracks, position_m: FloatArray, t_ns: int, margin_m: float) -> BoolArray:
+    """Which positions (n, 2) lie under one of the tracks, moved on to a time: in its ellipse or so near to it."""
+    result = np.zeros(len(position_m), bool)
+    at = tracks.position_m + tracks.velocity_mps * ((t_ns - tracks.t_ns) * 1e-9)[:, None]
+    shape = np.linalg.inv(tracks.extent_m2 + margin_m**2 * np.eye(2))
+    for centre, S in zip(at, shape, strict=True):
+        off = position_m - centre
+        result |= np.einsum("ni,ij,nj->n", off, S, off) <= 1.0
+    return result
 
 
 def rate_of(model: Background, scan: Scan, rules: SubtractConfig) -> float:
@@ -94,20 +111,25 @@ def take_counts(
     psi <- a psi, and 1 - a more for the count that was observed. Rows that are `seen` (n,) and have no point observe
     0, the others nothing.   Eq: abs-8
     """
-    count, now = np.minimum(count, rules.categories - 1), model.now
-    waits = ~seen & ~np.isin(model.key, key)
-    model = replace(model, at=np.where(waits, model.at - math.log(rate), model.at))
-    new = np.setdiff1d(key, model.key, assume_unique=True)
-    waits = np.insert(waits, np.searchsorted(model.key, new), False)
-    model = _with_pixels(model, new, rules)
-    hit = np.searchsorted(model.key, key)
+    count, now, step = np.minimum(count, rules.categories - 1), model.now, -math.log(rate)
+    place = np.searchsorted(model.key, key)
+    known = np.zeros(len(key), bool)
+    known[place < len(model)] = model.key[place[place < len(model)]] == key[place < len(model)]
+    waits = ~seen
+    waits[place[known]] = False
+    if waits.any():
+        model = replace(model, at=np.where(waits, model.at + step, model.at))
+    if not known.all():
+        waits = np.insert(waits, place[~known], False)
+        model = _with_pixels(model, key[~known], rules)
+    hit = place + np.cumsum(~known) - ~known
     rows = _brought_to(take(model, hit), now)
+    slot, has = _slot(rows, count)
     d = (1.0 - rate) * np.exp(model.at - now) * model.drift
-    d[hit] = (1.0 - rate) * _distance(rows, count, rules)
-    rows = _observe(rows, count, rate)
-    rows = replace(rows, at=rows.at - math.log(rate), hold=_hold(rows, rules), drift=_distance(rows, 0 * count, rules))
-    model = _written(model, hit, rows)
-    active = d[~waits]
+    d[hit] = (1.0 - rate) * _distance(rows, slot, has, rules)
+    rows = _observe(rows, count, slot, has, rate)
+    model = _written(model, hit, judged(replace(rows, at=rows.at + step), rules))
+    active = d[~waits] if waits.any() else d
     model = _noted(replace(model, now=now - math.log(rate)), float(active.mean()) if len(active) else 0.0, rate)
     return _bounded(model, rules.max_pixels)
 
@@ -137,9 +159,8 @@ def _brought_to(rows: Background, now: float) -> Background:
     return replace(rows, at=np.full(len(rows), now), floor=left * rows.floor, weight=weight)
 
 
-def _observe(rows: Background, count: IntArray, rate: float) -> Background:
-    """The rows after an observation of `count` (n,); they get more slots where one of them needs it."""
-    slot, has = _slot(rows, count)
+def _observe(rows: Background, count: IntArray, slot: IntArray, has: BoolArray, rate: float) -> Background:
+    """The rows after an observation of `count` (n,), which `has` a slot or gets one; more of them where needed."""
     free = 1 + np.argmin(rows.weight[:, 1:], axis=1)
     at = np.arange(len(rows))
     if (~has & (rows.weight[at, free] > TINY)).any():
@@ -176,28 +197,36 @@ def _written(model: Background, index: IntArray, rows: Background) -> Background
     return replace(model, **arrays)
 
 
-def _distance(rows: Background, count: IntArray, rules: SubtractConfig) -> FloatArray:
-    """|psi - e_count| (n,): what a scan with that count changes, over 1 - a."""
-    slot, has = _slot(rows, count)
-    kept = rows.count >= 0
-    squared = np.where(kept, rows.weight, 0.0) ** 2
-    own = np.where(has, rows.weight[np.arange(len(rows)), slot], rows.floor)
-    others = rules.categories - kept.sum(axis=1) - ~has  # without a slot
-    squared[np.arange(len(rows)), slot] *= ~has
-    return np.asarray(np.sqrt(squared.sum(axis=1) + others * rows.floor**2 + (1.0 - own) ** 2))
+def _distance(rows: Background, slot: IntArray, has: BoolArray, rules: SubtractConfig) -> FloatArray:
+    """|psi - e_c| (n,) for the count c in a slot, or without one: what a scan with that count changes, over 1 - a."""
+    at = np.arange(len(rows))
+    own = np.where(has, rows.weight[at, slot], rows.floor)
+    rest = rows.weight.copy()
+    rest[at[has], slot[has]] = 0.0
+    without = rules.categories - np.count_nonzero(rows.count >= 0, axis=1) - ~has
+    squared = np.einsum("ij,ij->i", rest, rest)
+    return np.asarray(np.sqrt(squared + without * rows.floor**2 + (1.0 - own) ** 2))
+
+
+def judged(model: Background, rules: SubtractConfig) -> Background:
+    """The model with its rows judged by the settings."""
+    first, has = np.zeros(len(model), np.int64), np.ones(len(model), bool)
+    return replace(model, hold=_hold(model, rules), drift=_distance(model, first, has, rules))
 
 
 def _hold(rows: Background, rules: SubtractConfig) -> FloatArray:
     """How long each row (n,) stays background without points: as long as hold exp(at - now) > 1.
 
     `map`: the likeliest count exceeds the threshold; it competes with psi_0 = 1 - (1 - psi_0) a^g, and counts
-    below it decay as it does; of equals the smaller counts. `tail`: counts above the threshold have more than half.
+    below it decay as it does; of equals the smaller counts. `tail`: counts above the threshold are likelier than
+    `subtract.tail_probability`, together.
     """
     kept = rows.count >= 0
     above = kept & (rows.count > rules.threshold)
     free_above = rules.categories - 1 - rules.threshold - above.sum(axis=1)  # counts without a slot
     if rules.decision == "tail":
-        return np.asarray(2.0 * (np.where(above, rows.weight, 0.0).sum(axis=1) + free_above * rows.floor))
+        tail = np.where(above, rows.weight, 0.0).sum(axis=1) + free_above * rows.floor
+        return np.asarray(tail / rules.tail_probability)
     below = kept & ~above
     free_below = rules.threshold + 1 - below.sum(axis=1)
     high = np.where(above, rows.weight, 0.0).max(axis=1, initial=0.0)

@@ -25,6 +25,7 @@ from maritrack.types import (
 KNOTS = 3600.0 / NM_M  # of a metre per second
 
 POINT_CLUSTERED, POINT_NOISE, POINT_SUBTRACTED, CLUSTER = 0, 1, 2, 10
+BACKGROUND = 3
 TRACK = {TENTATIVE: 20, CONFIRMED: 21, COASTED: 22, STATIONARY: 23}  # confirmed and not moving counts as the last
 TRUTH = 30
 Colour = tuple[int, int, int]
@@ -32,6 +33,7 @@ CLASSES: tuple[tuple[int, str, Colour], ...] = (
     (POINT_CLUSTERED, "point in a cluster", (196, 154, 78)),
     (POINT_NOISE, "point without a cluster", (150, 140, 130)),
     (POINT_SUBTRACTED, "point taken as background", (70, 84, 112)),
+    (BACKGROUND, "background", (84, 72, 140)),
     (CLUSTER, "cluster (2 sigma)", (214, 112, 44)),
     (TRACK[TENTATIVE], "tentative track", (92, 150, 255)),
     (TRACK[CONFIRMED], "confirmed track, moving", (96, 255, 120)),
@@ -41,7 +43,8 @@ CLASSES: tuple[tuple[int, str, Colour], ...] = (
 )
 COLOUR: dict[int, Colour] = {class_id: colour for class_id, _, colour in CLASSES}
 COLOUR_NAME = {
-    POINT_CLUSTERED: "sand", POINT_NOISE: "grey-brown", POINT_SUBTRACTED: "slate", CLUSTER: "orange",
+    POINT_CLUSTERED: "sand", POINT_NOISE: "grey-brown", POINT_SUBTRACTED: "slate", BACKGROUND: "indigo",
+    CLUSTER: "orange",
     TRACK[TENTATIVE]: "blue", TRACK[CONFIRMED]: "green", TRACK[COASTED]: "pink", TRACK[STATIONARY]: "grey-green",
     TRUTH: "white",
 }  # fmt: skip

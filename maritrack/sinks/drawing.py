@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.geo import en_to_geodetic
+from maritrack.geo import en_to_geodetic, pixel_centre
 from maritrack.sinks import captions, shapes
 from maritrack.sinks.captions import KNOTS
 from maritrack.sinks.shapes import Strips, Trails, picture
 from maritrack.sinks.view import Box
-from maritrack.types import CONFIRMED, TENTATIVE, FloatArray, IntArray, Origin, Result, Tracks, Truth
+from maritrack.types import CONFIRMED, TENTATIVE, FloatArray, IntArray, Mask, Origin, Result, Tracks, Truth
 
 MOST_DAMAGE_LINES = 20  # of one frame in the log
 UI = -1.0  # a negative radius is one in points of the screen, not in metres
 STYLES: dict[str, list[tuple[str, dict[str, Any]]]] = {
     "ppi/video/*": [("EncodedImage", {"draw_order": -10.0, "magnification_filter": "linear"})],
+    "ppi/background/*": [("Points2D", {"draw_order": -5.0, "show_labels": False})],
     "ppi/grid": [("LineStrips2D", {"colors": [captions.GRID_COLOUR], "radii": UI * 0.5, "draw_order": 0.0})],
     "ppi/grid/label": [("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 0.01, "show_labels": True})],
     "ppi/sensors/*": [("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 3.0, "show_labels": True})],
@@ -66,6 +67,14 @@ def draw_points(result: Result, part: str) -> Iterator[Row]:
     kind = np.full(len(result.points), captions.POINT_SUBTRACTED)
     kind[result.keep] = np.where(result.clusters.label >= 0, captions.POINT_CLUSTERED, captions.POINT_NOISE)
     yield _dots(f"ppi/detections/{part}", result.points.position_m, kind)
+
+
+def draw_mask(mask: Mask, part: str) -> Iterator[Row]:
+    """Pixels that are background, each a disc as wide as it."""
+    at = pixel_centre(mask.key, mask.pixel_m, mask.corner_m)
+    radii = np.full(len(at), mask.pixel_m / 2, np.float32)
+    kind = np.full(len(at), captions.BACKGROUND, np.uint16)
+    yield Row(f"ppi/background/{part}", "Points2D", {"positions": picture(at), "radii": radii, "class_ids": kind})
 
 
 def draw_clusters(result: Result, part: str) -> Iterator[Row]:

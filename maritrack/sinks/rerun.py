@@ -95,7 +95,7 @@ class RerunSink:
         frame, scan = result.frame, result.frame.scan
         jpeg, half_m = self._video(scan)
         light = replace(frame, scan=replace(scan, video=None), inputs=())
-        self._pending.append(Pending(replace(result, frame=light), jpeg, half_m))
+        self._pending.append(Pending(replace(result, frame=light, background=None), jpeg, half_m))
         if len(self._pending) >= self._flush_scans:
             self._flush()
 
@@ -190,6 +190,8 @@ class RerunSink:
         yield from self._placed(pending, part)
         if pending.jpeg is not None:
             yield Row(f"ppi/video/{part}", "EncodedImage", {"blob": [pending.jpeg], "media_type": ["image/jpeg"]})
+        if result.mask is not None:
+            yield from drawing.draw_mask(result.mask, part)
         yield from drawing.draw_points(result, part)
         yield from drawing.draw_clusters(result, part)
         yield from drawing.draw_tracks(tracks, self._trails, vector_s=60 * captions.vector_minutes(self._range_m))

@@ -15,7 +15,6 @@ from maritrack.objects import giw, reduction
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config, PhdConfig
 from maritrack.trackers import steps, tracklist
-from maritrack.trackers.clutter import clutter_at, learn_clutter
 from maritrack.trackers.steps import Info, Sight
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import (
@@ -138,7 +137,7 @@ def _join(a: TrackList, b: TrackList) -> TrackList:
         t_ns=join([a.t_ns, b.t_ns]), existence=join([a.existence, b.existence]), id=join([a.id, b.id]),
         hits=join([a.hits, b.hits]), misses=join([a.misses, b.misses]), confirmed=join([a.confirmed, b.confirmed]),
         lag_m=join([a.lag_m, b.lag_m]), moving=join([a.moving, b.moving]), settled=join([a.settled, b.settled]),
-        cluster=join([a.cluster, b.cluster]), told=join([a.told, b.told]),
+        cluster=join([a.cluster, b.cluster]), told=join([a.told, b.told]), held_s=join([a.held_s, b.held_s]),
     )  # fmt: skip
 
 
@@ -229,12 +228,10 @@ def give_birth(
 
     Lighter components make room for them. The clutter density learns what is unexplained.
     """
-    rules, sensor = config.phd, scan.sensor.id
-    clutter = learn_clutter(mixture.clutter.get(sensor), clusters, unexplained, scan, config)
-    if clutter is not None:
-        mixture = replace(mixture, clutter={**mixture.clutter, sensor: clutter})
+    rules = config.phd
+    mixture = steps.with_clutter(mixture, clusters, unexplained, scan, config)
     born = replace(config, tracker=replace(config.tracker, birth_existence=rules.birth_weight))
-    weight = tracklist.birth_existence(born, clutter_at(clutter, clusters, config))
+    weight = tracklist.birth_existence(born, steps.clutter_density(mixture, clusters, scan, config))
     free = np.flatnonzero(unexplained > 0.5)
     heavier = tracklist.select(mixture, mixture.existence >= weight[free].max(initial=0.0))
     room = replace(config.tracker, max_tracks=rules.max_components)

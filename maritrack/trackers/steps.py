@@ -19,6 +19,7 @@ from maritrack.objects.giw import Giw
 from maritrack.settings import Config
 from maritrack.trackers import tracklist
 from maritrack.trackers.clutter import clutter_at, learn_clutter
+from maritrack.trackers.cluttermap import learn_map, map_density
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, Scan, take
 
@@ -43,6 +44,7 @@ class Sight:
     dt_s: FloatArray  # (k,) from the track's time to the cluster's
     clock_back: bool
     n_cut: int
+    covered: FloatArray  # (t,) share of each track that the background hides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +70,17 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
     seen = geo.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    sight = Sight(tracks, np.where(seen, model.p_detect, 0.0), pairs, dt_s, clock_back, cut)
+    share = covered(tracks, scan, config)
+    p_detect = model.p_detect * np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
+    sight = Sight(tracks, np.where(seen, p_detect, 0.0), pairs, dt_s, clock_back, cut, share)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight
+
+
+def covered(tracks: TrackList, scan: Scan, config: Config) -> FloatArray:
+    """Share of each track (t,) whose points are taken away as background: none of those that are spared."""
+    share = tracklist.covered_share(tracks, scan.covered)
+    spared = tracks.confirmed & tracks.moving & (config.subtract.spare == "moving")
+    return np.where(spared, 0.0, share)
 
 
 def keep(sight: Sight, which: BoolArray) -> Sight:
@@ -131,7 +142,7 @@ def log_weights(
     P_D P_G (r) times the normalised likelihood of eq. 9, in which 1/P_G cancels.   Eq: polar-9
     """
     tracks, pairs = sight.tracks, sight.pairs
-    lam = clutter_at(tracks.clutter.get(scan.sensor.id), clusters, config)
+    lam = clutter_density(tracks, clusters, scan, config)
     shape = log_shape(sight, clusters, scan, points, config)
     with np.errstate(divide="ignore"):  # a track out of sight has weight 0, its log is -inf
         log_detected = np.log(detected)[pairs.i]
@@ -147,7 +158,31 @@ def clutter_of_tracks(sight: Sight, scan: Scan, config: Config) -> FloatArray:
         mean_m=at, scatter_m2=shapes, count=whole, weight_sq=none, noise_m2=shapes, t_ns=sight.tracks.t_ns,
         range_m=range_m, azimuth_rad=azimuth_rad, intensity=none, label=whole[:0],
     )  # fmt: skip
-    return clutter_at(sight.tracks.clutter.get(scan.sensor.id), places, config)
+    return clutter_density(sight.tracks, places, scan, config)
+
+
+def clutter_density(tracks: TrackList, clusters: Clusters, scan: Scan, config: Config) -> FloatArray:
+    """Clutter density (c,) at clusters, per m^2 and scan: that of the model, and what the map adds there."""
+    sensor = scan.sensor.id
+    density = clutter_at(tracks.clutter.get(sensor), clusters, config)
+    return np.asarray(density + map_density(tracks.clutter_map.get(sensor), clusters.mean_m, config.clutter_map))
+
+
+def with_clutter(
+    tracks: TrackList, clusters: Clusters, unexplained: FloatArray, scan: Scan, config: Config
+) -> TrackList:
+    """The list with the clutter of one more scan; `unexplained` (c,) is the share of clusters that no track took."""
+    sensor, untaken = scan.sensor.id, unexplained
+    clutter = learn_clutter(tracks.clutter.get(sensor), clusters, unexplained, scan, config)
+    if clutter is not None:
+        tracks = replace(tracks, clutter={**tracks.clutter, sensor: clutter})
+    if config.clutter_map.counts == "not-moving":
+        untaken = np.ones(len(clusters))
+        untaken[tracks.cluster[tracks.moving & (tracks.cluster >= 0)]] = 0.0
+    clutter_map = learn_map(tracks.clutter_map.get(sensor), clusters, untaken, scan, config.clutter_map)
+    if clutter_map is not None:
+        tracks = replace(tracks, clutter_map={**tracks.clutter_map, sensor: clutter_map})
+    return tracks
 
 
 def carry_on(
@@ -157,13 +192,12 @@ def carry_on(
     hit, sensor, unexplained = outcome.hit, scan.sensor.id, outcome.unexplained
     tracks = tracklist.count(sight.tracks, hit, sensor)  # out of sight is a miss: what nobody sees coasts and ends
     tracks = replace(tracks, density=outcome.density, existence=outcome.existence, cluster=outcome.cluster)
+    tracks = tracklist.hold_covered(tracks, state, hit, sight.covered, scan.covered, config.tracker)
     tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
-    clutter = learn_clutter(tracks.clutter.get(sensor), clusters, unexplained, scan, config)
-    if clutter is not None:
-        tracks = replace(tracks, clutter={**tracks.clutter, sensor: clutter})
+    tracks = with_clutter(tracks, clusters, unexplained, scan, config)
     tracks = tracklist.manage(tracks, config)
     free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(unexplained > 0.5), config.tracker)
-    r0 = tracklist.birth_existence(config, clutter_at(clutter, clusters, config)[free])
+    r0 = tracklist.birth_existence(config, clutter_density(tracks, clusters, scan, config)[free])
     t_ns = tracklist.beam_time(scan, points, clusters.mean_m[free])
     tracks = tracklist.start(tracks, clusters, free, t_ns, r0, config)
     return tracks, Info(outcome.n_inexact, sight.clock_back, sight.n_cut, left_out)

@@ -13,14 +13,17 @@ from maritrack.objects import giw, matrix2, reduction
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config, TrackerConfig
 from maritrack.trackers.clutter import Clutter
+from maritrack.trackers.cluttermap import ClutterMap
 from maritrack.types import (
     COASTED,
     CONFIRMED,
+    STATIONARY,
     TENTATIVE,
     BoolArray,
     Clusters,
     FloatArray,
     IntArray,
+    Mask,
     Points,
     Scan,
     Tracks,
@@ -46,8 +49,10 @@ class TrackList:
     settled: FloatArray  # (t,) 0..1, how much of the time constant has passed
     cluster: IntArray  # (t,) cluster of the last scan with the largest weight, -1 = missed
     told: IntArray  # (t,) of this step so far: NOTHING, MISS or HIT
+    held_s: FloatArray  # (t,) time since the background has covered a confirmed track; 0 = it doesn't
     next_id: int = 1
     clutter: Mapping[str, Clutter] = field(default_factory=dict)  # by sensor
+    clutter_map: Mapping[str, ClutterMap] = field(default_factory=dict)  # by sensor
     heard: tuple[str, ...] = ()  # sensors of this step so far
 
     def __len__(self) -> int:
@@ -65,7 +70,7 @@ def empty() -> TrackList:
     return TrackList(
         Giw(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros((0, 2, 2)), np.zeros(0)),
         none, np.zeros(0), none, none, none, np.zeros(0, bool), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), none,
-        none,
+        none, np.zeros(0),
     )  # fmt: skip
 
 
@@ -77,6 +82,7 @@ def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
         existence=tracks.existence[index], id=tracks.id[index], hits=tracks.hits[index], misses=tracks.misses[index],
         confirmed=tracks.confirmed[index], lag_m=tracks.lag_m[index], moving=tracks.moving[index],
         settled=tracks.settled[index], cluster=tracks.cluster[index], told=tracks.told[index],
+        held_s=tracks.held_s[index],
     )  # fmt: skip
 
 
@@ -124,6 +130,46 @@ def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
     return np.asarray(scan.t_start_ns + since_ns % duration_ns)
 
 
+def covered_share(tracks: TrackList, mask: Mask | None) -> FloatArray:
+    """Share of each track (t,) that lies in the background: of its centre and of the middles of its semi-axes."""
+    if mask is None or len(tracks) == 0:
+        return np.zeros(len(tracks))
+    half_m2, major = matrix2.eigen(tracks.density.X)
+    axes = np.stack([major, major[:, ::-1] * (-1.0, 1.0)], axis=1)  # (t, 2, 2) one a row
+    arms = 0.5 * np.sqrt(np.maximum(half_m2, 0.0))[:, :, None] * axes
+    offset = np.concatenate([np.zeros((len(tracks), 1, 2)), arms, -arms], axis=1)
+    at = tracks.density.x[:, None, :2] + offset
+    return np.asarray(geo.in_mask(mask, at.reshape(-1, 2)).reshape(len(tracks), 5).mean(axis=1))
+
+
+def hold_covered(
+    tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, mask: Mask | None, rules: TrackerConfig
+) -> TrackList:
+    """The list where confirmed tracks that were missed, at least half of them in the background, stay as they were.
+
+    They keep the existence, the place and the misses of the scan before, without velocity, and less certain by a
+    pixel when it begins: the background hides a vessel as it is, and where it is to within that.
+    """
+    held = tracks.confirmed & ~hit & (share >= 0.5)
+    if mask is None or not rules.stationary_s or not held.any():
+        return replace(tracks, held_s=np.zeros(len(tracks)))
+    d, old, again = tracks.density, before.density, before.held_s > 0
+    still = old.x * np.array([1.0, 1.0, 0.0, 0.0])
+    spread = old.P.copy()
+    spread[:, :2, 2:] = spread[:, 2:, :2] = 0.0
+    spread[:, :2, :2] += np.where(again, 0.0, mask.pixel_m**2)[:, None, None] * np.eye(2)
+    rows = held[:, None]
+    density = Giw(
+        np.where(rows, still, d.x), np.where(rows[:, None], spread, d.P), np.where(rows[:, None], old.X, d.X),
+        np.where(held, old.alpha, d.alpha),
+    )  # fmt: skip
+    since_s = np.maximum(seconds(tracks.t_ns - before.t_ns), 1e-9)
+    return replace(
+        tracks, density=density, existence=np.where(held, before.existence, tracks.existence),
+        misses=np.where(held, before.misses, tracks.misses), held_s=np.where(held, before.held_s + since_s, 0.0),
+    )  # fmt: skip
+
+
 def birth_existence(config: Config, clutter_density: FloatArray) -> FloatArray:
     """Existence of new tracks (n,): given, or P_D b / (lambda + P_D b) from the birth density b."""
     if config.tracker.birth_existence > 0:
@@ -166,6 +212,7 @@ def start(
         settled=join([tracks.settled, np.zeros(n)]),
         cluster=join([tracks.cluster, free]),
         told=join([tracks.told, np.full(n, HIT)]),
+        held_s=join([tracks.held_s, np.zeros(n)]),
         next_id=tracks.next_id + n,
     )
 
@@ -189,6 +236,7 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
         & (tracks.misses <= rules.delete_misses)
         & (sigma2 <= rules.delete_sigma_m**2)
         & (np.hypot(d.x[:, 2], d.x[:, 3]) <= model.max_speed_mps)
+        & (tracks.held_s <= rules.stationary_s)
     )
     if model.extent == "random-matrix":
         half_m2 = matrix2.eigen(d.X)[0][:, 0]
@@ -271,7 +319,8 @@ def moving(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
 def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
     """What the list says to the outside."""
     d = tracks.density
-    status = np.where(tracks.confirmed, np.where(tracks.misses >= rules.coast_misses, COASTED, CONFIRMED), TENTATIVE)
+    seen = np.where(tracks.misses >= rules.coast_misses, COASTED, CONFIRMED)
+    status = np.where(tracks.confirmed, np.where(tracks.held_s > 0, STATIONARY, seen), TENTATIVE)
     return Tracks(
         id=tracks.id, t_ns=tracks.t_ns, position_m=d.x[:, :2].copy(), velocity_mps=d.x[:, 2:].copy(), cov=d.P,
         extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=tracks.moving,

@@ -35,7 +35,7 @@ def components(weights: list[float], labels: list[int], places: list[float]) -> 
     zero, one, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, bool)
     return TrackList(
         d, zero, np.array(weights), np.array(labels, np.int64), one, zero, no, x[:, :2].copy(), no, np.zeros(n), zero,
-        zero, next_id=100,
+        zero, np.zeros(n), next_id=100,
     )  # fmt: skip
 
 

@@ -47,7 +47,9 @@ class Ship:
 
 
 def config_of(name: str, *sets: str) -> Config:
-    return load_config(preset="radar", sets=[f"tracker_name={name}", "cluster.eps_m=25.0", *PATIENT, *sets])
+    return load_config(
+        preset="radar", sets=[f"tracker_name={name}", "cluster.eps_m=25.0", "subtract.method=none", *PATIENT, *sets]
+    )
 
 
 def scan_of_cells(z: FloatArray, k: int) -> Scan:

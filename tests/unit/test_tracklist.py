@@ -24,7 +24,7 @@ def tracks(n: int, **changes: object) -> TrackList:
     base = TrackList(
         d, np.zeros(n, np.int64), np.full(n, 0.9), np.arange(1, n + 1), np.full(n, 9), np.zeros(n, np.int64),
         np.zeros(n, bool), np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.full(n, -1),
-        np.zeros(n, np.int64), n + 1,
+        np.zeros(n, np.int64), np.zeros(n), n + 1,
     )  # fmt: skip
     return replace(base, **changes)  # type: ignore[arg-type]
 

@@ -1,0 +1,156 @@
+"""Snapshots of a background: what is read is what was written, and nothing else is believed."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from maritrack import geo
+from maritrack.detect import snapshot
+from maritrack.detect.background import Background, mask_of, no_background, psi_of, take_counts
+from maritrack.detect.snapshot import read_snapshot, snapshot_octets
+from maritrack.errors import InputError
+from maritrack.settings import SubtractConfig
+from maritrack.types import Origin
+
+RULES = SubtractConfig(method="abs", threshold=0, pixel_m=100.0)
+PLACE = Origin(50.75, -1.25)
+
+
+def model(seed: int = 0, scans: int = 30) -> Background:
+    rng, learned = np.random.default_rng(seed), no_background()
+    pixels = np.unique(geo.pixel_key(rng.uniform(-5000, 5000, (200, 2)), 100.0))
+    for _ in range(scans):
+        counts = rng.poisson(rng.choice([0.1, 3.0], len(pixels)))
+        hit, seen = counts > 0, np.ones(len(learned), bool)
+        learned = take_counts(learned, pixels[hit], counts[hit], seen, RULES, rate=0.9)
+    return learned
+
+
+def test_a_snapshot_comes_back_as_it_was() -> None:
+    models = {"7-42": model(), "": model(1)}
+    data = snapshot_octets(models, RULES, PLACE)
+    assert data == snapshot_octets(models, RULES, PLACE)
+    back = read_snapshot(data, RULES, PLACE, name="x")
+    assert set(back) == set(models)
+    for name, m in models.items():
+        assert np.array_equal(psi_of(back[name], m.key, RULES), psi_of(m, m.key, RULES))
+        assert np.array_equal(mask_of(back[name], RULES).key, mask_of(m, RULES).key)
+        assert (back[name].scans, back[name].converged) == (m.scans, m.converged)
+
+
+def test_it_may_be_judged_otherwise_than_it_was_learned() -> None:
+    other, m = replace(RULES, threshold=2, decision="tail"), model()
+    back = read_snapshot(snapshot_octets({"a": m}, RULES, None), other, None, name="x")["a"]
+    tail = psi_of(m, m.key, RULES)[:, 3:].sum(axis=1)
+    assert np.array_equal(mask_of(back, other).key, m.key[tail > 0.5])
+
+
+def test_the_grid_stays_on_the_globe_when_the_origin_is_another() -> None:
+    m, there = model(), Origin(50.80, -1.20)
+    back = read_snapshot(snapshot_octets({"a": m}, RULES, PLACE), RULES, there, name="x")["a"]
+    centre = geo.pixel_centre(m.key, 100.0)
+    moved = geo.geodetic_to_en(there, *geo.en_to_geodetic(PLACE, centre))
+    assert np.hypot(*(geo.pixel_centre(back.key, 100.0, back.corner_m) - moved).T).max() < 12.0  # two planes, 7 km
+
+
+def rewritten(data: bytes, change: Any) -> bytes:
+    """The snapshot with its members changed by a function of (name, octets); None leaves one out."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        for name in old.namelist():
+            octets = change(name, old.read(name))
+            if octets is not None:
+                new.writestr(name, octets)
+    return out.getvalue()
+
+
+def with_array(name: str, change: Any) -> Any:
+    def apply(member: str, octets: bytes) -> bytes:
+        if member != f"0.{name}.npy":
+            return octets
+        out = io.BytesIO()
+        np.save(out, change(np.load(io.BytesIO(octets))), allow_pickle=True)
+        return out.getvalue()
+
+    return apply
+
+
+def with_header(**values: Any) -> Any:
+    def apply(member: str, octets: bytes) -> bytes:
+        if member != "header.npy":
+            return octets
+        header = json.loads(np.load(io.BytesIO(octets)).tobytes()) | values
+        out = io.BytesIO()
+        np.save(out, np.frombuffer(json.dumps(header).encode(), np.uint8))
+        return out.getvalue()
+
+    return apply
+
+
+GOOD = snapshot_octets({"a": model()}, RULES, None)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"", b"PK", GOOD[:-40], GOOD[:200], b"\x93NUMPY\x01\x00", b"[1, 2]",
+        rewritten(GOOD, lambda n, o: None if n == "0.weight.npy" else o),
+        rewritten(GOOD, lambda n, o: None if n == "header.npy" else o),
+        rewritten(GOOD, lambda n, o: o[:-8] if n == "0.at.npy" else o),
+        rewritten(GOOD, lambda n, o: b"" if n == "0.key.npy" else o),
+        rewritten(GOOD, with_array("key", lambda a: a[::-1].copy())),
+        rewritten(GOOD, with_array("key", lambda a: a.astype(object))),
+        rewritten(GOOD, with_array("key", lambda a: a.astype(np.float64))),
+        rewritten(GOOD, with_array("weight", lambda a: a * np.nan)),
+        rewritten(GOOD, with_array("weight", lambda a: 2 * a)),
+        rewritten(GOOD, with_array("weight", lambda a: -a)),
+        rewritten(GOOD, with_array("weight", lambda a: a[:, :1])),
+        rewritten(GOOD, with_array("count", lambda a: a + 300)),
+        rewritten(GOOD, with_array("count", lambda a: 0 * a)),
+        rewritten(GOOD, with_array("floor", lambda a: a - 1.0)),
+        rewritten(GOOD, with_array("at", lambda a: a + 1e9)),
+        rewritten(GOOD, with_header(format="maritrack-background/9")),
+        rewritten(GOOD, with_header(pixel_m="wide")), rewritten(GOOD, with_header(pixel_m=float("nan"))),
+        rewritten(GOOD, with_header(models=[{}])), rewritten(GOOD, with_header(models={"a": 1})),
+        rewritten(GOOD, with_header(models=[{"sensor": "a", "corner_m": [0, 0], "now": -1, "scans": 3}])),
+        rewritten(GOOD, with_header(origin=[500, 2])), rewritten(GOOD, with_header(origin="here")),
+        rewritten(GOOD, with_header(categories=10**9)),
+    ],
+)  # fmt: skip
+def test_what_is_no_snapshot_is_told_in_one_line(data: bytes) -> None:
+    with pytest.raises(InputError) as error:
+        read_snapshot(data, RULES, None, name="harbour.npz")
+    assert str(error.value).startswith("harbour.npz: ") and "\n" not in str(error.value)
+
+
+def test_damage_anywhere_is_told_or_harmless() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        data = bytearray(GOOD)
+        data[int(rng.integers(len(data)))] ^= int(rng.integers(1, 256))
+        try:
+            back = read_snapshot(bytes(data), RULES, None, name="x")
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert all(len(mask_of(m, RULES).key) <= len(m) for m in back.values())
+
+
+def test_what_would_inflate_beyond_all_measure_is_not_inflated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(snapshot, "MOST_OCTETS", len(GOOD))
+    with pytest.raises(InputError, match="inflates to more than"):
+        read_snapshot(rewritten(GOOD, lambda n, o: bytes(len(GOOD)) if n == "0.key.npy" else o), RULES, None, name="x")
+
+
+def test_a_grid_of_another_size_and_a_run_without_a_place_are_refused() -> None:
+    with pytest.raises(InputError, match="pixels of 100"):
+        read_snapshot(GOOD, replace(RULES, pixel_m=50.0), None, name="x")
+    with pytest.raises(InputError, match="other way round"):
+        read_snapshot(GOOD, RULES, PLACE, name="x")

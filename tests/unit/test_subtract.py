@@ -1,0 +1,117 @@
+"""Background subtraction in the line: who waits for it, what it spares, and vessels that stop and leave again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from maritrack.chain import ChainState, build_chain, process
+from maritrack.config import load_config
+from maritrack.settings import Config
+from maritrack.types import STATIONARY, FloatArray, Frame, Result
+from tests.unit.scans import scan_of
+
+ABS = ("subtract.method=abs", "subtract.threshold=0", "subtract.start=empty", "subtract.decision=tail",
+       "subtract.pixel_m=100.0", "subtract.half_life_scans=15.0")  # fmt: skip
+TURN_S = 2.5
+VESSEL = np.array([[-30.0, 0.0], [0.0, 0.0], [30.0, 0.0]])  # three points, one cluster
+
+
+def config(tracker: str, *sets: str) -> Config:
+    clustered = ["cluster.method=cartesian-dbscan", "cluster.eps_m=60.0", "cluster.min_points=2"]
+    clustered += ["model.clutter=fixed", "model.clutter_density_per_m2=1e-7"]
+    return load_config(preset="points", sets=[f"tracker_name={tracker}", *clustered, *ABS, *sets])
+
+
+def run(settings: Config, scans: list[FloatArray]) -> list[Result]:
+    chain, results = build_chain(settings), []
+    state: ChainState = chain.init()
+    for k, at in enumerate(scans):
+        scan, _ = scan_of(at, TURN_S * k)
+        state, result = process(chain, state, Frame(k, scan))
+        results.append(result)
+    return results
+
+
+def along(east_m: Any) -> list[FloatArray]:
+    return [VESSEL + np.array([east, 1000.0]) for east in np.atleast_1d(east_m).tolist()]
+
+
+def a_call_at_a_berth() -> list[FloatArray]:
+    """In at 5 m/s and slower, three minutes and a half at the berth, out at up to 5 m/s."""
+    leave = np.cumsum(np.minimum(np.arange(1, 61) * 0.25, 5.0) * TURN_S)
+    return along(np.concatenate([-leave[::-1], np.zeros(84), leave]))
+
+
+@pytest.mark.parametrize("tracker", ["jipda", "ipda", "sprt"])
+def test_a_vessel_that_stops_is_stationary_in_the_background_and_leaves_under_its_id(tracker: str) -> None:
+    results = run(config(tracker), a_call_at_a_berth())
+    arrives, leaves = 60, 144
+    name = results[arrives - 12].tracks.id[results[arrives - 12].tracks.moving]
+    assert len(name) == 1
+    status = [int(r.tracks.status[r.tracks.id == name[0]][0]) for r in results[arrives:]]
+    assert set(status[12 : leaves - arrives]) == {STATIONARY}
+    hidden = results[leaves - 1]
+    assert not hidden.keep.any() and len(hidden.clusters) == 0
+    at = hidden.tracks.position_m[hidden.tracks.id == name[0]][0]
+    assert np.hypot(*(at - [0.0, 1000.0])) < 100.0
+    last = results[-1].tracks
+    mine = last.id == name[0]
+    assert last.moving[mine].all() and last.status[mine].tolist() != [STATIONARY]
+    assert np.hypot(*(last.position_m[mine][0] - results[-1].points.position_m[1])) < 100.0
+
+
+def test_what_stays_longer_than_the_stated_time_ends() -> None:
+    results = run(config("jipda", "tracker.stationary_s=60.0"), a_call_at_a_berth()[:144])
+    stationary = [STATIONARY in r.tracks.status for r in results]
+    began = max(k for k in range(1, 144) if stationary[k] and not stationary[k - 1])
+    assert sum(stationary[began:]) == round(60.0 / TURN_S)
+    assert all(len(r.tracks) == 0 for r in results[began + round(60.0 / TURN_S) :])
+    assert all(
+        len(r.tracks) == 0 for r in run(config("jipda", "tracker.stationary_s=0.0"), a_call_at_a_berth())[120:144]
+    )
+
+
+def test_tracking_waits_for_the_background_where_it_is_told_to() -> None:
+    rng = np.random.default_rng(0)
+    land = np.stack([rng.uniform(500, 900, 60), rng.uniform(500, 900, 60)], axis=-1)
+    scans = [np.concatenate([land, vessel]) for vessel in along(np.arange(-1200.0, 1200.0, 12 * TURN_S))]
+    case1, case2 = (
+        run(config("jipda", f"subtract.track_from={how}", "subtract.half_life_scans=10.0"), scans)
+        for how in ("converged", "start")
+    )
+    told = [[e.message for e in r.events if e.stage == "subtract"] for r in case1]
+    when = next(k for k, messages in enumerate(told) if messages)
+    assert told[when][0] == f"background converged after {when + 1} scans: tracking starts"
+    assert sum(map(len, told)) == 1 and 5 < when < 70
+    assert all(len(r.tracks) == 0 for r in case1[:when]) and len(case1[when].tracks)
+    assert any(len(r.tracks) for r in case2[:when])
+    assert len(case1[-1].tracks) == 1
+
+
+def test_a_slow_ship_is_not_the_background_of_its_own_wake_where_moving_tracks_are_spared() -> None:
+    slow = along(np.arange(-400.0, 0.0, 2.0 * TURN_S))
+    eaten, spared = (run(config("jipda", f"subtract.spare={how}"), slow) for how in ("none", "moving"))
+    assert not all(r.keep.all() for r in eaten[40:])
+    assert all(r.keep.all() for r in spared[40:])
+
+
+def test_a_run_without_subtraction_is_as_it_was() -> None:
+    results = run(config("jipda", "subtract.method=none"), a_call_at_a_berth()[:70])
+    assert all(r.mask is None and r.keep.all() for r in results)
+
+
+def test_each_sensor_has_its_mask_or_all_have_one() -> None:
+    land, sea = np.array([[500.0, 500.0]]), np.zeros((0, 2))
+    for masks, names in (("sensor", {"a", "b"}), ("joint", {""})):
+        chain = build_chain(config("jipda", f"subtract.masks={masks}", "subtract.half_life_scans=2.0"))
+        state: ChainState = chain.init()
+        for k in range(20):
+            for sensor, at in (("a", land), ("b", sea)):
+                scan, _ = scan_of(at, TURN_S * k, sensor=sensor)
+                state, result = process(chain, state, Frame(k, scan))
+                assert result.mask is not None
+        assert set(state.background) == names
+        assert len(result.mask.key) == 0  # b sees nothing there, and its look counts where there is one mask
