@@ -38,6 +38,7 @@ _MEANING = {
     "polar-10": "Wishart densities of a cluster's scatter, object and clutter",
     "polar-11": "covariance of the innovation, which shrinks with the size of the cluster",
     "polar-12": "covariance of the gate, with the full extent",
+    "abs-1": "measurements of a step: those of all sensors, ashore and aboard",
     "abs-5": "state of a target: position, velocity, orientation and two semi-axes",
     "abs-6": "posterior of several sensors: likelihoods multiplied, one sensor after the other",
     "abs-7": "at the beginning all counts of a pixel are equally likely",

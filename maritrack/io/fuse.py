@@ -17,7 +17,7 @@ from maritrack.types import Frame, Origin, Scan
 class MergedSource:
     """Frames of several sources by time, at equal times in the order of the sources. Make it with `merge_sources`.
 
-    One frame of each source is read ahead. A source whose own frames step back in time keeps its order.
+    One frame of each source is read ahead. A source whose own frames step back in time keeps its order.   Eq: abs-1
     """
 
     kind: str  # "cat240", or "cat240+points" where they differ

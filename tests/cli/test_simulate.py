@@ -56,3 +56,30 @@ def test_wrong_use_is_told_in_one_line(tmp_path: Path) -> None:
     assert call("simulate", "harbour", "-o", out, "--scans", "0").code == 2
     assert call("simulate", "harbour", "-o", out, "--seed", "-1").code == 2
     assert not list(tmp_path.iterdir())
+
+
+def test_several_radars_have_a_recording_each_that_process_reads_together(tmp_path: Path) -> None:
+    from tests.unit.test_simulate_stations import WORLD
+
+    (tmp_path / "reach.toml").write_text(WORLD, "utf-8")
+    out = tmp_path / "rec.cat240"
+    done = call("simulate", tmp_path / "reach.toml", "-o", out, "--scans", "4", "--no-labels", "--json").json
+    names = [f"rec-{name}.cat240" for name in "abc"]
+    assert [Path(path).name for path in done["recordings"]] == names
+    beside = ("--sensors", done["sensors"], "--own-ship", done["ais"], "--truth", done["truth"])
+    run = (
+        "process",
+        *done["recordings"],
+        *beside,
+        "-t",
+        "pakf-jpda",
+        "-o",
+        tmp_path / "run",
+        "--no-rrd",
+        "--json",
+        "-q",
+    )
+    assert call(*run).json["counts"]["scans"] >= 11
+    assert call("replay", tmp_path / "run", "--verify", "-q").code == 0
+    lost = call("process", done["recordings"][2], "--sensors", done["sensors"], "--no-rrd", "-o", tmp_path / "no")
+    assert lost.code == 2 and "--own-ship" in lost.err

@@ -35,6 +35,7 @@ class Recorded:
             yield Frame(k, Scan(Sensor(self.name, 0.0, 0.0, math.inf), t_ns, t_ns, np.zeros(2), math.nan))
 
 
+@pytest.mark.eq("abs-1")
 @given(st.lists(st.lists(st.integers(0, 50), max_size=9).map(sorted), min_size=1, max_size=4))
 @settings(derandomize=True, deadline=None, max_examples=60)
 def test_frames_come_in_order_of_time_and_none_is_lost(times: list[list[int]]) -> None:
