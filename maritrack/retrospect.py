@@ -15,7 +15,8 @@ import numpy as np
 
 from maritrack.objects import giw, matrix2
 from maritrack.objects.giw import Giw
-from maritrack.settings import Config, ModelConfig, SmoothConfig
+from maritrack.settings import Config
+from maritrack.tracksettings import ModelConfig, SmoothConfig
 from maritrack.types import COASTED, CONFIRMED, STATIONARY, BoolArray, FloatArray, IntArray, Tracks, take
 
 DIRECTIONS = 16  # in which the way of a track is measured: the greatest distance within half a percent

@@ -11,7 +11,7 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types", "settings"}
+BASE = {"errors", "types", "settings", "tracksettings"}
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
@@ -20,7 +20,9 @@ BELOW = {  # what each part of the package may import besides itself
     "presets": set[str](),
     "scenes": set[str](),
     "geo": BASE,
-    "settings": {"errors"},
+    "limits": {"errors"},
+    "tracksettings": {"errors", "limits"},
+    "settings": {"errors", "limits", "tracksettings"},
     "config": {"errors", "settings"},
     "objects": BASE | {"geo"},
     "associate": BASE,

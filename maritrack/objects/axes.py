@@ -15,7 +15,7 @@ import numpy as np
 
 from maritrack.objects import matrix2
 from maritrack.objects.giw import segment_sums
-from maritrack.settings import ModelConfig, PakfConfig
+from maritrack.tracksettings import ModelConfig, PakfConfig
 from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE3 = np.eye(3)

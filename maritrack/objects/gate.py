@@ -7,7 +7,7 @@ import numpy as np
 from maritrack.objects import matrix2
 from maritrack.objects.giw import Giw, predicted_centroid
 from maritrack.objects.strips import strips
-from maritrack.settings import ModelConfig
+from maritrack.tracksettings import ModelConfig
 from maritrack.types import Clusters, FloatArray, IntArray
 
 BLOCK = 500_000  # pairs of an object and a cluster looked at together

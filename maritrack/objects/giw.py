@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from maritrack.objects import matrix2
-from maritrack.settings import ModelConfig
+from maritrack.tracksettings import ModelConfig
 from maritrack.types import Clusters, FloatArray, IntArray
 
 EYE4 = np.eye(4)

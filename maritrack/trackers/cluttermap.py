@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maritrack import geo
-from maritrack.settings import ClutterMapConfig
+from maritrack.tracksettings import ClutterMapConfig
 from maritrack.types import Clusters, FloatArray, IntArray, Scan
 
 LEAST = 1e-3  # clusters a scan: a cell below is forgotten, which bounds the map of a radar that travels

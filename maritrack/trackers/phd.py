@@ -13,10 +13,11 @@ import numpy as np
 
 from maritrack.objects import giw, reduction
 from maritrack.objects.giw import Giw
-from maritrack.settings import Config, PhdConfig
+from maritrack.settings import Config
 from maritrack.trackers import steps, tracklist
 from maritrack.trackers.steps import Info, Sight
 from maritrack.trackers.tracklist import TrackList
+from maritrack.tracksettings import PhdConfig
 from maritrack.types import (
     COASTED,
     CONFIRMED,

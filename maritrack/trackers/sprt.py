@@ -14,10 +14,11 @@ from scipy.special import expit, logit
 
 from maritrack.associate.hard import assign
 from maritrack.objects import giw, matrix2
-from maritrack.settings import Config, SprtConfig
+from maritrack.settings import Config
 from maritrack.trackers import steps, tracklist
 from maritrack.trackers.steps import Info, Sight
 from maritrack.trackers.tracklist import TrackList
+from maritrack.tracksettings import SprtConfig
 from maritrack.types import BoolArray, Clusters, FloatArray, Points, Scan, Tracks
 
 FALSE_ALARM_MIN, FALSE_ALARM_MAX = 1e-4, 0.9  # of a gate: a hit and a miss always tell something

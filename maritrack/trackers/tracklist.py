@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 from maritrack import geo
 from maritrack.objects import giw, matrix2, reduction
 from maritrack.objects.giw import Giw
-from maritrack.settings import Config, TrackerConfig
+from maritrack.settings import Config
 from maritrack.trackers.clutter import Clutter
 from maritrack.trackers.cluttermap import ClutterMap
+from maritrack.tracksettings import TrackerConfig
 from maritrack.types import (
     COASTED,
     CONFIRMED,

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maritrack.settings import ClutterMapConfig
 from maritrack.trackers.cluttermap import ClutterMap, learn_map, map_density
+from maritrack.tracksettings import ClutterMapConfig
 from maritrack.types import Clusters, FloatArray, Scan, Sensor
 
 RULES = ClutterMapConfig(method="cells", least_rate=0.0)

@@ -17,7 +17,7 @@ from maritrack.objects import gate as gating
 from maritrack.objects import giw, matrix2
 from maritrack.objects.gate import gate
 from maritrack.objects.giw import Giw
-from maritrack.settings import ModelConfig
+from maritrack.tracksettings import ModelConfig
 from maritrack.types import Clusters
 
 EXACT = 1e-9

@@ -17,9 +17,10 @@ from maritrack.cluster.statistics import cluster_statistics
 from maritrack.config import load_config
 from maritrack.objects import axes
 from maritrack.objects.axes import Axes, Seen
-from maritrack.settings import Config, PakfConfig
+from maritrack.settings import Config
 from maritrack.trackers import TRACKERS
 from maritrack.trackers.pakf import Principal
+from maritrack.tracksettings import PakfConfig
 from maritrack.types import CONFIRMED, Clusters, FloatArray, Frame
 from tests.laws.test_tracker_laws import points_scan, scene
 from tests.oracles import jpda_step

@@ -16,8 +16,9 @@ from maritrack.associate.marginals import sparse_marginals
 from maritrack.cluster.stage import cylinder_radius_m, labels
 from maritrack.cluster.statistics import cluster_statistics
 from maritrack.objects import giw
-from maritrack.settings import ClusterConfig, Config, ModelConfig, TrackerConfig
+from maritrack.settings import ClusterConfig, Config
 from maritrack.trackers import jipda
+from maritrack.tracksettings import ModelConfig, TrackerConfig
 from maritrack.types import Clusters, FloatArray, Points, Scan, Sensor
 
 EXACT = 1e-10

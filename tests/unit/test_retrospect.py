@@ -15,7 +15,8 @@ from maritrack import retrospect
 from maritrack.objects import giw
 from maritrack.objects.giw import Giw
 from maritrack.retrospect import History
-from maritrack.settings import Config, ModelConfig, SmoothConfig
+from maritrack.settings import Config
+from maritrack.tracksettings import ModelConfig, SmoothConfig
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Clusters, Tracks
 from tests import runs
 

@@ -14,9 +14,9 @@ from scipy.special import expit
 
 from maritrack.errors import ConfigError
 from maritrack.objects import giw
-from maritrack.settings import SprtConfig
 from maritrack.trackers import steps, tracklist
 from maritrack.trackers.sprt import false_alarm, limits, log_ratio_step, with_limits_of_the_test
+from maritrack.tracksettings import SprtConfig
 from tests.unit.scans import clusters_of, plain_config, scan_of, step
 
 HERE, NOTHING = [[300.0, 400.0]], np.zeros((0, 2))

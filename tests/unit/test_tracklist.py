@@ -11,9 +11,10 @@ from maritrack import geo
 from maritrack.chain import build_chain, process
 from maritrack.detect.cells import empty_points
 from maritrack.objects.giw import Giw
-from maritrack.settings import Config, ModelConfig, TrackerConfig
+from maritrack.settings import Config
 from maritrack.trackers import tracklist
 from maritrack.trackers.tracklist import TrackList
+from maritrack.tracksettings import ModelConfig, TrackerConfig
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Frame, Points, Scan, Sensor, Video
 
 RULES = TrackerConfig()
