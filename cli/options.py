@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+MOST_WORKERS = 64  # processes; each holds memory of its own
 METHOD, INPUT, OUTPUT, DISPLAY = "Method", "Input", "Output", "Display"
 
 
@@ -39,3 +40,11 @@ Truth = Annotated[Path | None, given("--truth", "AIS as CSV, points document or 
 Out = Annotated[Path | None, output("--out", "-o", "Folder for run.rrd, run.mcap, summary.json.")]
 Json = Annotated[bool, display("--json", "One JSON document on standard output.")]
 Quiet = Annotated[bool, display("--quiet", "-q", "No progress, no notes.")]
+
+
+def check_workers(workers: int) -> None:
+    """UsageError unless so many processes make sense."""
+    from maritrack.errors import UsageError
+
+    if not 1 <= workers <= MOST_WORKERS:
+        raise UsageError(f"--workers {workers}: from 1 to {MOST_WORKERS}")

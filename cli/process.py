@@ -78,13 +78,11 @@ def process(
 ) -> None:  # fmt: skip
     """Parse, run, render."""
     from maritrack.config import load_config
-    from maritrack.errors import UsageError
     from maritrack.job import Job, execute
     from maritrack.manifest import input_digest
     from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
 
-    if workers < 1:
-        raise UsageError(f"--workers {workers}: starts at 1")
+    opt.check_workers(workers)
     octets = open_inputs(inputs)
     kinds = kinds_of(octets)
     chosen = preset or default_preset(kinds)

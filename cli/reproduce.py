@@ -55,7 +55,9 @@ def reproduce(
         return
     if not paper:
         raise UsageError("which paper?", hint="papers: " + ", ".join(REPRODUCTIONS))
-    plan = Plan(quick=quick, seeds=seeds, workers=workers or cores(), out=out)
+    workers = workers or min(cores(), opt.MOST_WORKERS)
+    opt.check_workers(workers)
+    plan = Plan(quick=quick, seeds=seeds, workers=workers, out=out)
     with render.steps("run", quiet=quiet) as tick:
         report = run_again(paper, plan, tick=tick)
     if out is not None:

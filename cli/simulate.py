@@ -43,7 +43,7 @@ def simulate(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and clutter.")] = 1,
     scans: Annotated[int | None, typer.Option("--scans", min=1, help="Rotations; by default the scene's.")] = None,
     ais: Annotated[bool, typer.Option("--ais/--no-ais", help="Write REC.ais.csv.")] = True,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Radars drawn at a time.")] = 1,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=opt.MOST_WORKERS, help="Radars drawn at a time.")] = 1,
     labels: Annotated[bool, typer.Option("--labels/--no-labels", help="Write REC.labels.parquet.")] = True,
     list_: Annotated[bool, typer.Option("--list", help="Names of the scenes.")] = False,
     json_: opt.Json = False,

@@ -89,8 +89,9 @@ def clustering(
     from maritrack.tune import clustering as study
     from maritrack.tune.grids import parse_counts, parse_numbers
 
-    if workers < 1 or margin < 0 or radius <= 0:
-        raise UsageError("--workers starts at 1, --margin at 0, --radius above 0")
+    opt.check_workers(workers)
+    if margin < 0 or radius <= 0:
+        raise UsageError("--margin starts at 0, --radius above 0")
     eps_m, least = parse_numbers(eps, name="--eps"), parse_counts(min_points, name="--min-points")
     if eps_m[0] <= 0:
         raise UsageError(f"--eps {eps}: greater than 0")
@@ -149,8 +150,9 @@ def tracker(
     names = tuple(name.strip() for name in trackers.split(",") if name.strip())
     parsed = [*([(study.TRACKER, names)] if names else []), *map(parse_axis, grid or ())]
     axes = dict(parsed)
-    if workers < 1 or not axes or len(axes) < len(parsed) or len(set(names)) < len(names):
-        raise UsageError("--grid or --tracker says what to try, each key and tracker once; --workers starts at 1")
+    opt.check_workers(workers)
+    if not axes or len(axes) < len(parsed) or len(set(names)) < len(names):
+        raise UsageError("--grid or --tracker says what to try, each key and tracker once")
     subjects = study.subjects(recordings, truth=truth or (), own_ship=own_ship or ())
     given: dict[str, Any] = {"input": {"limit": limit}} if limit is not None else {}
     given |= ({"score": {"moving_only": True}} if moving else {}) | ({"seed": seed} if seed is not None else {})

@@ -239,6 +239,12 @@ def test_wrong_arguments_are_told_in_one_line_with_the_way_to_help(arguments: tu
     assert len(lines) == 2 and lines[1].startswith("hint: ") and lines[1].endswith(" --help")
 
 
+@pytest.mark.parametrize("workers", ["0", "100000"])
+def test_no_more_processes_than_a_machine_can_bear(sample: Path, workers: str) -> None:
+    done = call("process", sample, "--workers", workers)
+    assert done.code == 2 and done.error == f"--workers {workers}: from 1 to 64"
+
+
 def test_a_wrong_key_in_a_configuration_file_names_the_file(sample: Path, tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
     file.write_text("[model]\np_detekt = 0.5\n")

@@ -77,7 +77,7 @@ def test_experiments_are_listed() -> None:
 def test_wrong_use_is_told_in_one_line(tmp_path: Path) -> None:
     assert "'colours'" in call("reproduce", "colours").error
     assert "which paper" in call("reproduce").error
-    assert "workers = -1" in call("reproduce", "numbers", "--workers", "-1").error
+    assert "--workers -1: from 1 to 64" in call("reproduce", "numbers", "--workers", "-1").error
     (tmp_path / "file").write_text("")
     assert "file" in call("reproduce", "numbers", "-o", tmp_path / "file").error
 
