@@ -53,7 +53,7 @@ def calibrate(
     azimuth_edge: Annotated[str, opt.given("--azimuth-edge", "Edge of the azimuth: start, centre, end.")] = "",
     sensors: Annotated[Path | None, opt.given("--sensors", "TOML with these settings for each sensor.")] = None,
     sensor: Annotated[str, opt.given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")] = "",
-    limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
+    limit: Annotated[int | None, opt.given("--limit", "At most so many scans; 0 = all.")] = None,
     azimuth: Annotated[float, opt.method("--search-azimuth", "Degrees to either side.")] = 10.0,
     range_: Annotated[float, opt.method("--search-range", "Metres to either side.")] = 200.0,
     time: Annotated[float, opt.method("--search-time", "Seconds to either side.")] = 60.0,

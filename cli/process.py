@@ -62,7 +62,7 @@ def process(
     stream: Annotated[str, opt.given("--stream", "Only this stream of a capture: ADDR, ADDR:PORT, :PORT.")] = "",
     from_s: Annotated[float | None, opt.given("--from", "Begin so many seconds after the first scan.")] = None,
     to_s: Annotated[float | None, opt.given("--to", "End so many seconds after the first scan.")] = None,
-    limit: Annotated[int | None, opt.given("--limit", "At most so many scans.")] = None,
+    limit: Annotated[int | None, opt.given("--limit", "At most so many scans; 0 = all.")] = None,
     background: Annotated[Path | None, opt.given("--background", "Background learned before (npz).")] = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     strict: Annotated[bool, opt.given("--strict", "Stop at the first damage in the input.")] = False,
@@ -132,13 +132,14 @@ def process(
 def lags_over(calibration: Path, over: dict[str, Any]) -> dict[str, Any]:
     """The lags of a calibration as settings of the metrics; none where it has none."""
     from maritrack.errors import InputError
-    from maritrack.io.sensors import lags_of
+    from maritrack.io.sensors import check_document, lags_of
 
     try:
-        text = calibration.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{calibration}: {getattr(error, 'strerror', None) or error}") from None
-    lags = lags_of(text, name=str(calibration))
+        octets = calibration.read_bytes()
+    except OSError as error:
+        raise InputError(f"{calibration}: {error.strerror or error}") from None
+    check_document(octets, name=str(calibration))
+    lags = lags_of(octets.decode(), name=str(calibration))
     return {"score": over.get("score", {}) | {"truth_lag_s": lags}} if lags else {}
 
 

@@ -29,7 +29,7 @@ Examples:
 
     maritrack tune clustering far.cat240 --truth far.truth.json -o study
 
-    maritrack tune clustering near.cat240 far.cat240 --eps 20:100:5 --min-points 1:8 --workers 2
+    maritrack tune clustering near.cat240 far.cat240 --eps 20:95:5 --min-points 1:8 --workers 2
 
     maritrack tune clustering rec.cat240 --truth ais.csv --own-ship ais.csv --limit 60 --json
 """
@@ -56,7 +56,7 @@ Truths = Annotated[
 OwnShips = Annotated[
     list[Path] | None, opt.given("--own-ship", "AIS (CSV) of the ship that carries the radar, one for each recording.")
 ]
-Limit = Annotated[int | None, opt.given("--limit", "At most so many scans.")]
+Limit = Annotated[int | None, opt.given("--limit", "At most so many scans; 0 = all.")]
 Workers = Annotated[int, opt.given("--workers", "Processes.")]
 Folder = Annotated[Path | None, opt.output("--out", "-o", "Folder for the picture and the table.")]
 
@@ -66,7 +66,7 @@ def clustering(
     recordings: Recordings,
     truth: Truths = None,
     own_ship: OwnShips = None,
-    eps: Annotated[str, opt.method("--eps", "Metres: FROM:TO:STEP or A,B,C.")] = "20:100:5",
+    eps: Annotated[str, opt.method("--eps", "Metres: FROM:TO:STEP or A,B,C.")] = "20:95:5",
     min_points: Annotated[str, opt.method("--min-points", "FROM:TO or A,B,C.")] = "1:8",
     noise: Annotated[
         str, opt.method("--noise", "Points of noise are each for themselves (single), or one more cluster (class).")

@@ -69,6 +69,16 @@ def calibrated(
     return {**sensors, **over}
 
 
+def check_document(octets: bytes, *, name: str) -> None:
+    """ConfigError unless the octets are a TOML text that says something; `name` is what the message calls it."""
+    try:
+        text = octets.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{name}: not a text, at byte {error.start}", hint="a TOML file is asked for") from None
+    if not _document(text, name=name):
+        raise ConfigError(f"{name}: says nothing", hint='write [sensors."7-42"]')
+
+
 def lags_of(text: str, *, name: str) -> str:
     """`score.truth_lag_s` of a calibration, "" where it has none."""
     score = _document(text, name=name).get("score", {})

@@ -239,6 +239,18 @@ def test_wrong_arguments_are_told_in_one_line_with_the_way_to_help(arguments: tu
     assert len(lines) == 2 and lines[1].startswith("hint: ") and lines[1].endswith(" --help")
 
 
+@pytest.mark.parametrize("option", ["--sensors", "--calibration"])
+@pytest.mark.parametrize(
+    ("octets", "told"), [(b"", "says nothing"), (b"\xf0\x00", "not a text, at byte 0"), (b"[", "Invalid")]
+)
+def test_a_file_of_sensors_that_says_nothing_is_named(
+    sample: Path, tmp_path: Path, option: str, octets: bytes, told: str
+) -> None:
+    (tmp_path / "own.toml").write_bytes(octets)
+    done = call("process", sample, option, tmp_path / "own.toml")
+    assert done.code == 2 and done.error.startswith(f"{tmp_path / 'own.toml'}: {told}")
+
+
 @pytest.mark.parametrize("workers", ["0", "100000"])
 def test_no_more_processes_than_a_machine_can_bear(sample: Path, workers: str) -> None:
     done = call("process", sample, "--workers", workers)
