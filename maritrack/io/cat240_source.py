@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -166,30 +167,32 @@ class _FrameBuilder:
 
 
 class _Told:
-    """Damage to be told with the next frame, in bounded memory."""
+    """Damage to be told with the next frame, in bounded memory: each time in the order of places, what can be told."""
 
     def __init__(self) -> None:
         self._all: list[Damage] = []
         self._told: Counter[tuple[str, str]] = Counter()
-        self._latest: dict[tuple[str, str], int] = {}
+        self._latest: dict[tuple[str, str], int] = {}  # place in `_all`, counted from the first ever
+        self._gone = 0  # that were in `_all`
 
     def add(self, damage: Iterable[Damage]) -> None:
         for one in damage:
             kind = (one.code, one.sensor)
             if self._told[kind] >= MAX_TOLD:
-                latest = self._latest[kind]
+                latest = self._latest[kind] - self._gone
                 self._all[latest] = replace(self._all[latest], count=self._all[latest].count + one.count)
                 continue
             self._told[kind] += 1
-            self._latest[kind] = len(self._all)
+            self._latest[kind] = self._gone + len(self._all)
             self._all.append(one)
 
     def take(self, *, before: int | None = None) -> list[Damage]:
-        """What there is, or what lies before an octet."""
-        taken = [one for one in self._all if before is None or one.offset < before]
-        left = [one for one in self._all if not (before is None or one.offset < before)]
-        self._all, self._told, self._latest = [], Counter(), {}
-        self.add(left)
+        """What there is, or what lies before an octet (then all was added in the order of places)."""
+        n = len(self._all) if before is None else bisect_left(self._all, before, key=lambda one: one.offset)
+        taken = self._all[:n]
+        del self._all[:n]
+        self._gone += n
+        self._told.subtract((one.code, one.sensor) for one in taken)
         return taken
 
 

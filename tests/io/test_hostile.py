@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+import numpy as np
 import pytest
 
-from maritrack.io.cat240 import scan
+from maritrack.io.cat240 import reader, scan
 from maritrack.io.cat240.exact import parse_block
-from maritrack.io.cat240_source import Cat240Source
+from maritrack.io.cat240_source import MAX_TOLD, Cat240Source, _Told
 from maritrack.io.octets import octets_from_bytes
 from maritrack.io.turns import stream
 from maritrack.io.turns.assemble import Assembler
 from maritrack.settings import InputConfig
 from maritrack.survey import survey
-from maritrack.types import Frame
-from tests.io.cat240_blocks import damage, indices, radials, read, rows
+from maritrack.types import Damage, Frame
+from tests.io.cat240_blocks import SENTINEL, damage, indices, radials, read, rows
 from tests.io.hostile import CASES
 from tests.io.hostile_turns import TURNS
 
@@ -123,3 +124,38 @@ def test_the_cells_of_turns_are_bounded_by_the_size_of_the_input(monkeypatch: py
     held = sum(frame.scan.video.intensity.nbytes for frame in some if frame.scan.video is not None)
     assert 0 < held <= (1 << 20) + 256 * len(octets)
     assert told(some)["turn-budget"] > 0
+
+
+def test_streams_that_fail_are_inflated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried, start_cells, exact_cells = 0, reader.start_cells, reader.exact_cells
+
+    def started(w: Any, some: Any, *place: Any, **how: Any) -> Any:
+        nonlocal tried
+        tried += int(np.count_nonzero(some["compressed"]))
+        return start_cells(w, some, *place, **how)
+
+    def exactly(*place: Any) -> Any:
+        nonlocal tried
+        tried += 1
+        return exact_cells(*place)
+
+    monkeypatch.setattr(reader, "INFLATION_RATIO", 2000)
+    monkeypatch.setattr(reader, "start_cells", started)
+    monkeypatch.setattr(reader, "exact_cells", exactly)
+    bad = CASES["zlib, wrong checksums"](SIZE)
+    found = damage(read(bad))
+    assert found[0][0] == "zlib-error"
+    assert found[0][4] >= 250
+    assert tried <= found[0][4] + 64  # the first batch twice
+    sound = CASES["zlib, 524288 cells of 8 bit"](30_000)
+    assert len(rows(read(bad[: -len(SENTINEL)] + sound))) == len(rows(read(sound)))
+
+
+def test_damage_that_waits_for_its_frame_is_gone_over_once() -> None:
+    told = _Told()
+    told.add(Damage(f"code {i % 3}", i, "") for i in range(5000))
+    taken = [told.take(before=place) for place in range(0, 6000, 100)]
+    assert sum(one.count for some in taken for one in some) == 5000
+    assert [one.offset for some in taken for one in some] == list(range(3000))
+    told.add([Damage("code 0", 9000, "")] * (MAX_TOLD + 5))
+    assert [one.count for one in told.take()] == [1] * (MAX_TOLD - 1) + [6]

@@ -328,3 +328,11 @@ def gather(w: Window, first: IntArray, n: int) -> NDArray[np.uint8]:
 def take_rows(rows: Rows, index: IntArray) -> Rows:
     """`rows[index]`, without copying field by field."""
     return rows.view(f"V{ROW.itemsize}")[index].view(ROW)
+
+
+def join_rows(parts: list[Rows]) -> Rows:
+    """All of them one behind the other, without looking into the fields."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = np.concatenate([np.zeros(0, dtype=f"V{ROW.itemsize}"), *(rows.view(f"V{ROW.itemsize}") for rows in parts)])
+    return whole.view(ROW)

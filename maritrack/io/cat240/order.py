@@ -11,8 +11,7 @@ from maritrack.io.cat240.exact import TOD_PER_DAY
 from maritrack.types import BoolArray, IntArray
 
 REMEMBERED = 8  # records of a sensor among which a duplicate is looked for
-FEW_SENSORS = 8  # more are gone through record by record
-WORTHWHILE = 16  # records for which arrays pay
+WORTHWHILE = 16  # records of a sensor for which arrays pay; fewer are gone through one by one
 
 
 @dataclass(slots=True)
@@ -32,9 +31,10 @@ def screen(
     back of more than half a day is midnight. `memories` is brought up to date.
     """
     duplicate, backwards = np.zeros(len(sensor), dtype=np.bool_), np.zeros(len(sensor), dtype=np.bool_)
-    few = _distinct(sensor) if len(sensor) >= WORTHWHILE else sensor[:0]
-    todo = np.zeros(len(sensor), dtype=np.bool_) if 0 < len(few) <= FEW_SENSORS else ~duplicate
-    for one in few.tolist() if len(few) <= FEW_SENSORS else []:
+    sensors = _distinct(sensor) if len(sensor) >= WORTHWHILE else sensor[:0]
+    worthwhile = 0 < WORTHWHILE * len(sensors) <= len(sensor)
+    todo = np.zeros(len(sensor), dtype=np.bool_) if worthwhile else ~duplicate
+    for one in sensors.tolist() if worthwhile else []:
         group = np.flatnonzero(sensor == one)
         memory = memories.setdefault(one, Memory())
         if _is_orderly(memory, keys[group, 0], tod[group]):

@@ -23,12 +23,12 @@ import numpy as np
 from maritrack.errors import InputError
 from maritrack.geo import C_MPS
 from maritrack.io.cat240.cells import (
-    ROW,
     Cells,
     Rows,
     Sent,
     cell_type,
     exact_cells,
+    join_rows,
     keep_memory,
     keys_of,
     start_cells,
@@ -46,6 +46,7 @@ from maritrack.types import BoolArray, Damage, IntArray
 
 MAX_RADIALS = 4096
 MAX_CELL_OCTETS = 32 << 20
+DOUBT = 1 << 20  # octets of cells of a batch whose inflation failed: those of the next one are not tried many at a time
 MAX_PADDING, PADDING = 4 << 20, 4  # octets of cells in a batch beyond that many times those that were sent
 INFLATION_FLOOR = 4 << 20  # cells
 INFLATION_RATIO = 256  # cells to an octet of input
@@ -91,6 +92,7 @@ class _State:
     stream_of: Callable[[IntArray], IntArray] | None  # of octets of the input, None = there is one stream
     inflated: int = 0  # cells
     trusting: bool = True  # no stream has inflated to more than it declared
+    doubtful: bool = False  # so much failed in the last batch that each stream is to be inflated once alone
     sensors: dict[int, Memory] = field(default_factory=dict)
 
 
@@ -191,7 +193,7 @@ def _stretches_of(w: Window, state: _State) -> Iterator[_Stretch]:
 
 def _cut(w: Window, start: int, found: Found, state: _State) -> Iterator[_Stretch]:
     """The stretches that make up the window from `start` on, as far as it was scanned."""
-    rows = found.rows[0] if len(found.rows) == 1 else np.concatenate([np.zeros(0, dtype=ROW), *found.rows])
+    rows = join_rows(found.rows)
     affordable = _charge(w, rows, state)
     damage = sorted(found.damage, key=lambda one: one.offset)
     bounds = _split(rows)
@@ -204,7 +206,8 @@ def _cut(w: Window, start: int, found: Found, state: _State) -> Iterator[_Stretc
     )  # fmt: skip
     for (first, last), (begin, end), (told, upto), (said, until) in cuts:
         here, can = rows[first:last], affordable[first:last]
-        index = np.flatnonzero((here["record"] < 0) & can)
+        once = here["compressed"] > 0 if state.doubtful else np.zeros(len(here), dtype=np.bool_)
+        index = np.flatnonzero((here["record"] < 0) & can & ~once)
         usual = here if len(index) == len(here) else take_rows(here, index)
         cells = start_cells(w, usual, state.inflater, trusting=state.trusting) if state.cells and len(usual) else None
         summaries = found.summaries[said:until]
@@ -318,15 +321,18 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
     else:
         cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"].max())))
         cells[one.usual, : some.shape[1]] = some
+    cells[one.usual[failed]] = 0
+    records, lost = rows["record"].tolist(), 0
+    octets = (rows["compressed"] * rows["n_cells"] * rows["bits"] >> 3).tolist()  # of cells, inflated
     for i in np.flatnonzero(~usual).tolist():
         if not affordable[i]:
             n_cells[i], troubles[i] = -1, [("inflation-budget", "the input inflates to too many cells")]
             continue
-        record = videos[rows["record"][i]] if rows["record"][i] >= 0 else None
+        record = videos[records[i]] if records[i] >= 0 else None
         found, trouble = exact_cells(w.data, Sent.usual(rows[i]) if record is None else Sent.of(record))
         told = [] if trouble is None else [trouble]
         state.trusting &= trouble is None or trouble[0] != "inflates-beyond-declared"
-        cells[i] = 0
+        lost += octets[i] if told else 0
         if found is None:
             n_cells[i], troubles[i] = -1, told
             continue
@@ -334,6 +340,7 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
         before = () if record is None else record.troubles
         if told or before:
             troubles[i] = [*before, *told]
+    state.doubtful = lost > DOUBT
     return cells, n_cells, troubles
 
 

@@ -163,8 +163,15 @@ def _take_block(w: Window, start: int, end: int, found: Found, state: Chain) -> 
 
 def _effort(block: Block) -> int:
     """What the records of a block took, and what is wrong with them will take."""
-    told = sum(len(video.troubles) for video in block.videos)
+    told = sum(len(video.troubles) + _is_odd(video) for video in block.videos)
     return 2 * len(block.videos) + len(block.summaries) + len(block.damage) + told + BREAK * block.lost
+
+
+def _is_odd(video: Video) -> bool:
+    """Whether the octets of cells are not what the number of cells needs."""
+    if video.compressed or video.nbcells is None:
+        return False
+    return video.stop - video.first != video.nbcells * video.bits + 7 >> 3
 
 
 def _hurry(w: Window, at: int, found: Found, state: Chain) -> int:
