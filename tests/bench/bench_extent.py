@@ -80,7 +80,8 @@ def recover(
 ) -> list[Found]:  # fmt: skip
     """What is found of each ship, sizes first, then aspects."""
     vessels = ships(range_m, sizes_m, aspects_deg)
-    chain = build_chain(load_config(preset="radar", sets=WAYS[way]))
+    sets = [*WAYS[way], "subtract.method=none"]  # which takes parts of a hull until it is judged to be under way
+    chain = build_chain(load_config(preset="radar", sets=sets))
     state, seen = chain.init(), []
     for k, scan in enumerate(scans(vessels, range_m, n, seed=seed)):
         state, result = process(chain, state, Frame(k, scan))

@@ -112,7 +112,9 @@ def test_a_vessel_with_a_gap_of_ten_scans_keeps_its_id(name: str, seed: int) -> 
 
 @each_tracker
 def test_without_patience_the_same_gap_ends_the_track(name: str) -> None:
-    seen = watch([GAP], config_of(name, "tracker.delete_misses=6", "phd.prune_weight=1e-2"), 0)
+    seen = watch(
+        [GAP], config_of(name, "tracker.delete_misses=6", "phd.prune_weight=1e-2", "pakf.confirmed_misses=6"), 0
+    )
     ids = held(seen, GAP)
     assert ids[39] == 0 and ids[-1] not in (0, ids[29])
 
