@@ -1,6 +1,6 @@
 """Rates of the CAT240 reader beside their floors, in one run: messages of 1024 cells of 8 bit from a warm file.
 
-python -m tests.bench.bench_cat240 [--messages 16384] [--repeat 15]
+python -m tests.bench.bench_cat240 [--messages 32768] [--repeat 15]
 
 The work is cut into laps of some 10 ms, the same for a reader and its floor; the candidates take turns, and of every
 lap the best time of the processor counts, so that noise of the machine hits all alike. Two cores are measured by the
@@ -194,7 +194,7 @@ def bench_zlib(folder: Path, name: str, video: NDArray[np.uint8], repeat: int) -
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--messages", type=int, default=16_384)
+    parser.add_argument("--messages", type=int, default=32_768)
     parser.add_argument("--repeat", type=int, default=15)
     parser.add_argument("--runs", type=int, default=3, help="of each kind with two cores, 0 = none")
     args = parser.parse_args()
@@ -207,7 +207,7 @@ def main() -> None:
         for kind in made if args.runs else ():
             for libdeflate in (False, True)[: 1 + inflate.LIBDEFLATE]:
                 path = folder / f"{kind}.cat240"
-                gain = two_cores(path, times=8, repeat=args.runs, libdeflate=libdeflate)
+                gain = two_cores(path, times=32, repeat=args.runs, libdeflate=libdeflate)
                 print(f"{kind}, {'libdeflate' if libdeflate else 'zlib'}: {gain:.2f} times as fast on two cores (1.7)")
 
 

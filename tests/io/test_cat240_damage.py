@@ -314,7 +314,7 @@ def test_a_batch_stays_below_its_size() -> None:
     wide = [packed_video(i, bytes(400_000)) for i in range(100)]
     batches = read(b"".join(block(video(1000 + i), one) for i, one in enumerate(wide)))
     assert max(of.cells.nbytes for of in radials(batches)) <= 32 << 20
-    assert max(len(of) for of in radials(read(b"".join(block(video(i)) for i in range(9000))))) <= 4096
+    assert max(len(of) for of in radials(read(b"".join(block(video(i)) for i in range(30_000))))) <= 12_288
 
 
 def test_cells_beyond_256_times_the_input_are_dropped() -> None:

@@ -18,12 +18,12 @@ from maritrack.types import IntArray
 
 CAT240 = 0xF0
 HEADER = 3
-HEAD = struct.Struct(">BH")
+LENGTH = struct.Struct(">H")
 LOOKAHEAD = 11 * 65_536  # a block, the hops over other categories after it, and the header where they land
 HOPS = 8
 MANY_BLOCKS = 64  # from which on it pays to look at them all at once
 FEW_PLACES = 8
-PIECE_LEAST, PIECE_MOST = 1 << 20, 2 << 20
+PIECE_LEAST, PIECE_MOST = 2 << 20, 4 << 20
 CATEGORIES = frozenset(
     (*range(1, 5), *range(7, 12), *range(15, 22), 23, 24, 25, 30, 31, 32, 34, 48, 61, 62, 63, 65, 128, 129, 150, 152,
      153, 205, 238, 239, 240, 247, 252)
@@ -55,7 +55,7 @@ def window(base: int, data: bytes, *, final: bool) -> Window:
 
 
 def pieces(chunks: Iterable[bytes | memoryview]) -> Iterator[memoryview]:
-    """The input in pieces of 1 to 2 MiB (the last may be smaller), however it was cut.
+    """The input in pieces of 2 to 4 MiB (the last may be smaller), however it was cut.
 
     A piece is valid until the next one is asked for.
     """
@@ -83,18 +83,16 @@ def chain(w: Window, at: int, most: int) -> IntArray:
     even = _even_blocks(w, at, most) if most >= MANY_BLOCKS else 0
     first, at = at, at + even * w.length(at)
     starts = [at]
-    data, append, unpack_from = w.data, starts.append, HEAD.unpack_from
+    lengths, append, unpack_from = memoryview(w.data)[1:], starts.append, LENGTH.unpack_from
     try:
         for _ in range(most - even):
-            category, length = unpack_from(data, at)
-            if category != CAT240:
-                break
-            at += length
+            at += unpack_from(lengths, at)[0]
             append(at)
     except struct.error:  # the end of the data: cheaper than to ask each time
         pass
     places = np.fromiter(starts, dtype=np.int64, count=len(starts))
-    sound = (np.diff(places) >= HEADER) & (places[1:] <= len(data))
+    sound = (np.diff(places) >= HEADER) & (places[1:] <= len(w.data))
+    sound &= w.u8[places[:-1]] == CAT240
     places = places if sound.all() else places[: 1 + int(np.argmin(sound))]
     return np.concatenate([np.arange(first, places[0], w.length(first)), places]) if even else places
 

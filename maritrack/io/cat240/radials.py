@@ -63,7 +63,7 @@ class Batch:
     """
 
     start: int  # first octet
-    octets: bytes  # the input from start on, untouched; b"" where only headers were asked for
+    octets: bytes | memoryview  # the input from start on, untouched; b"" where only headers were asked for
     radials: Radials | None  # None = no video record in this stretch
     damage: tuple[Damage, ...] = ()
     span: int = -1  # octets from start on that it stands for, -1 = its own

@@ -44,7 +44,7 @@ from maritrack.io.cat240.scan import Chain, Found, scan
 from maritrack.io.datagrams import NO_TIME
 from maritrack.types import BoolArray, Damage, IntArray
 
-MAX_RADIALS = 4096
+MAX_RADIALS = 12_288
 MAX_CELL_OCTETS = 32 << 20
 DOUBT = 1 << 20  # octets of cells of a batch whose inflation failed: those of the next one are not tried many at a time
 MAX_PADDING, PADDING = 4 << 20, 4  # octets of cells in a batch beyond that many times those that were sent
@@ -57,7 +57,7 @@ class Part(NamedTuple):
     """A stretch of the input: a Batch before its damage is summed up, with the records that were read exactly."""
 
     start: int
-    octets: bytes
+    octets: bytes | memoryview
     span: int  # octets that it stands for
     radials: Radials | None
     damage: list[Damage]
@@ -140,7 +140,7 @@ def refuse(damage: Damage, name: str) -> NoReturn:
     raise InputError(f"{name}: {damage.message} at byte {damage.offset} ({damage.code})")
 
 
-def file_chunks(path: str | Path, *, size: int = 2 << 20) -> Iterator[bytes]:
+def file_chunks(path: str | Path, *, size: int = 4 << 20) -> Iterator[bytes]:
     """The octets of a file (or pipe) in pieces of `size`. InputError where it can't be read.
 
     Not a memory map: reading is as fast, works on pipes, and a file that is cut meanwhile can't kill the process.
@@ -218,7 +218,7 @@ def _part(one: _Stretch, state: _State) -> Part:
     """What a stretch gives."""
     radials, troubles, videos, packed = _radials(one, state)
     damage = sorted([*one.damage, *troubles], key=lambda one: one.offset)
-    octets = one.w.data[one.start : one.end] if state.cells else b""
+    octets = memoryview(one.w.data)[one.start : one.end] if state.cells else memoryview(b"")
     base, span = one.w.base, one.end - one.start
     return Part(base + one.start, octets, span, radials, damage, videos, one.summaries, base, packed)
 
@@ -230,7 +230,7 @@ def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
         return affordable
     charge = np.where(rows["compressed"] > 0, rows["n_cells"], 0)
     budget = np.maximum(INFLATION_FLOOR, INFLATION_RATIO * (w.base + rows["block_end"]))
-    if (state.inflated + np.cumsum(charge) <= budget).all():
+    if state.inflated + int(charge.sum()) <= int(budget[0]) or (state.inflated + np.cumsum(charge) <= budget).all():
         state.inflated += int(charge.sum())
         return affordable
     for i, (cells, limit) in enumerate(zip(charge.tolist(), budget.tolist(), strict=True)):
@@ -322,17 +322,17 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
         cells = np.zeros((len(rows), int(n_cells.max())), dtype=cell_type(int(rows["bits"].max())))
         cells[one.usual, : some.shape[1]] = some
     cells[one.usual[failed]] = 0
-    records, lost = rows["record"].tolist(), 0
-    octets = (rows["compressed"] * rows["n_cells"] * rows["bits"] >> 3).tolist()  # of cells, inflated
-    for i in np.flatnonzero(~usual).tolist():
+    lost, odd = 0, np.flatnonzero(~usual)
+    octets = (rows["compressed"] * n_cells * rows["bits"])[odd] >> 3  # of cells, inflated
+    for i, index, room in zip(odd.tolist(), rows["record"][odd].tolist(), octets.tolist(), strict=True):
         if not affordable[i]:
             n_cells[i], troubles[i] = -1, [("inflation-budget", "the input inflates to too many cells")]
             continue
-        record = videos[records[i]] if records[i] >= 0 else None
+        record = videos[index] if index >= 0 else None
         found, trouble = exact_cells(w.data, Sent.usual(rows[i]) if record is None else Sent.of(record))
         told = [] if trouble is None else [trouble]
         state.trusting &= trouble is None or trouble[0] != "inflates-beyond-declared"
-        lost += octets[i] if told else 0
+        lost += room if told else 0
         if found is None:
             n_cells[i], troubles[i] = -1, told
             continue

@@ -17,7 +17,7 @@ from maritrack.io.cat240.framing import CAT240, HEADER, Window, chain, lookalike
 from maritrack.io.cat240.items import MANY, next_block
 from maritrack.types import Damage, IntArray
 
-MOST = 4096  # blocks, and things found, in a stretch
+MOST = 12_288  # blocks, and things found, in a stretch
 FEW_BLOCKS = 8  # that are taken at once where the chain broke
 EFFORT_FLOOR, EFFORT_OCTETS = 8192, 96  # an exact record, some 30 us, for so many octets; so many at the beginning
 BREAK = 12  # what a break of the chain takes, in exact records
@@ -122,9 +122,9 @@ def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int
     usual, rows = np.zeros(n, dtype=np.bool_), np.zeros(0, dtype=ROW)
     if state.fast:
         usual, rows = common_rows(w, starts[:-1], starts[1:])
-    places = starts.tolist()
-    done = 0
-    for i in np.flatnonzero(~usual).tolist():
+    done, unusual = 0, np.flatnonzero(~usual).tolist()
+    places = starts.tolist() if unusual else []
+    for i in unusual:
         if i < done:
             continue
         found.add_rows(rows[done:i])
@@ -144,7 +144,7 @@ def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int
             return end
     found.add_rows(rows[done:])
     state.run = min(4 * state.run, MOST)
-    return int(places[-1])
+    return int(starts[-1])
 
 
 def _take_block(w: Window, start: int, end: int, found: Found, state: Chain) -> int:

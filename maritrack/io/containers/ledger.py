@@ -13,11 +13,11 @@ class Ledger:
     """
 
     def __init__(self) -> None:
-        self._parts: deque[tuple[bytes, int]] = deque()  # octets, length of the stretch
+        self._parts: deque[tuple[bytes | memoryview, int]] = deque()  # octets, length of the stretch
         self.start = 0  # of the stretch of the first piece
         self.size = 0  # octets held
 
-    def add(self, octets: bytes, span: int = -1) -> None:
+    def add(self, octets: bytes | memoryview, span: int = -1) -> None:
         """The next piece; it stands for `span` octets of the input as read (-1 = for itself)."""
         span = len(octets) if span < 0 else span
         if octets or span:
