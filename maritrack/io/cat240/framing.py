@@ -21,6 +21,7 @@ HEADER = 3
 LENGTH = struct.Struct(">H")
 LOOKAHEAD = 11 * 65_536  # a block, the hops over other categories after it, and the header where they land
 HOPS = 8
+FEW_HOPS = 16  # through blocks one by one, until it is known that they hold
 MANY_BLOCKS = 64  # from which on it pays to look at them all at once
 FEW_PLACES = 8
 PIECE_LEAST, PIECE_MOST = 2 << 20, 4 << 20
@@ -82,19 +83,30 @@ def chain(w: Window, at: int, most: int) -> IntArray:
     """
     even = _even_blocks(w, at, most) if most >= MANY_BLOCKS else 0
     first, at = at, at + even * w.length(at)
+    runs, hops = [np.arange(first, at + 1, w.length(first)) if even else np.array([at])], FEW_HOPS
+    most -= even
+    while most > 0:
+        ends = _hop(w, int(runs[-1][-1]), min(hops, most))
+        runs.append(ends)
+        if len(ends) < min(hops, most):
+            break
+        most, hops = most - hops, 8 * hops
+    return np.concatenate([run for run in runs if len(run)])
+
+
+def _hop(w: Window, at: int, most: int) -> IntArray:
+    """Ends of the CAT240 blocks that follow each other from `at`, at most so many."""
     starts = [at]
     lengths, append, unpack_from = memoryview(w.data)[1:], starts.append, LENGTH.unpack_from
     try:
-        for _ in range(most - even):
+        for _ in range(most):
             at += unpack_from(lengths, at)[0]
             append(at)
     except struct.error:  # the end of the data: cheaper than to ask each time
         pass
     places = np.fromiter(starts, dtype=np.int64, count=len(starts))
-    sound = (np.diff(places) >= HEADER) & (places[1:] <= len(w.data))
-    sound &= w.u8[places[:-1]] == CAT240
-    places = places if sound.all() else places[: 1 + int(np.argmin(sound))]
-    return np.concatenate([np.arange(first, places[0], w.length(first)), places]) if even else places
+    sound = (np.diff(places) >= HEADER) & (places[1:] <= len(w.data)) & (w.u8[places[:-1]] == CAT240)
+    return places[1:] if sound.all() else places[1 : 1 + int(np.argmin(sound))]
 
 
 def _even_blocks(w: Window, at: int, most: int) -> int:

@@ -22,6 +22,7 @@ FEW_BLOCKS = 8  # that are taken at once where the chain broke
 EFFORT_FLOOR, EFFORT_OCTETS = 8192, 96  # an exact record, some 30 us, for so many octets; so many at the beginning
 BREAK = 12  # what a break of the chain takes, in exact records
 FOREIGN = 3  # a few blocks of other categories
+ALONE = 2  # blocks that are read the exact way as quickly as any other
 HURRY = 1 << 18  # octets that are looked through when there is no effort left
 
 
@@ -120,7 +121,7 @@ def _take_blocks(w: Window, starts: IntArray, found: Found, state: Chain) -> int
     """Put the records of the blocks between `starts` into `found`; where to go on, maybe with more input."""
     n = len(starts) - 1
     usual, rows = np.zeros(n, dtype=np.bool_), np.zeros(0, dtype=ROW)
-    if state.fast:
+    if state.fast and n > ALONE:
         usual, rows = common_rows(w, starts[:-1], starts[1:])
     done, unusual = 0, np.flatnonzero(~usual).tolist()
     places = starts.tolist() if unusual else []
