@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from maritrack.errors import InputError
-from maritrack.io.cat240 import blockstarts
+from maritrack.io.cat240 import blockstarts, headers
 from maritrack.io.cat240.encode import encode_summary, encode_video
 from maritrack.io.cat240.headers import HeaderWalk, RawMake
 from maritrack.io.cat240.radials import Radials
@@ -352,6 +352,7 @@ def walked(path: Path) -> HeaderWalk:
 def pieces(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Files are read in pieces of so many octets."""
     monkeypatch.setattr(blockstarts, "SPAN", request.param)
+    monkeypatch.setattr(headers, "MANY_FRAMES", max(request.param // 1000, 1))
     yield request.param
 
 

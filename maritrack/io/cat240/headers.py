@@ -25,6 +25,7 @@ from maritrack.types import BoolArray, Damage, IntArray
 
 ODD_LEAST, ODD_SHARE = 8, 8  # so many odd blocks, and one for so many usual ones, are still worth the walk
 ODD_OCTETS = 1024  # of an odd block: a longer one holds many records
+MANY_FRAMES = 1 << 17  # that are looked at together
 AGAIN = 16  # frames that the general reader has to read again to know what came before
 TAIL = np.dtype([("tod", ">u4"), ("after", "u1")])  # from the octet before the time of day to that behind it
 COPIED = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur")
@@ -88,35 +89,44 @@ class HeaderWalk:
                 if pieces.ended:
                     self.whole = rest == 0
                     return
-                starts = frame_starts(octets, size, self._make.frames, pieces)
-                batches, used = self._batches(octets, size, starts)
-                self.end, rest = self.end + used, size - used
-                yield from batches
-                if used == 0 or used < starts[-1]:
+                starts, base, used = frame_starts(octets, size, self._make.frames, pieces), self.end, 0
+                for first in range(0, len(starts), MANY_FRAMES):
+                    some = starts[first : first + MANY_FRAMES + 1]
+                    batches, used = self._batches(octets, size, some, base)
+                    self.end = base + used
+                    yield from batches
+                    if used < some[-1]:
+                        return
+                if used == 0:
                     return
+                rest = size - used
 
-    def _batches(self, octets: U8, size: int, starts: IntArray) -> tuple[list[Batch], int]:
-        """What the frames hold, up to the first that is out of the ordinary, and where that one begins."""
+    def _batches(self, octets: U8, size: int, starts: IntArray, base: int) -> tuple[list[Batch], int]:
+        """What the frames hold, up to the first that is out of the ordinary, and where that one begins.
+
+        Places count from octet `base` of the input.
+        """
         blocks = self._make.blocks(octets, size, starts)
         usual, c = _columns(octets, size, blocks)
-        n, texts = _odd_blocks(octets, self.end, blocks, usual)
+        n, texts = _odd_blocks(octets, base, blocks, usual)
         frames = blocks.frames if n == len(usual) else int(blocks.frame[n])
         n, used = int(np.searchsorted(blocks.frame, frames)), int(starts[frames])
         again = max(frames - AGAIN, 0)
-        if used:
+        if frames:
             self._make.told(frames, again)
-            self.again = self.end + int(starts[again])
+            self.again = base + int(starts[again])
         if n < len(usual) or not usual.all():
             c = _rows(c, np.flatnonzero(usual[:n]))
-        if used == 0:
-            return [], 0
-        c["offset"] = c["offset"] + self.end
+        if frames == 0:
+            return [], used
+        c["offset"] = c["offset"] + base
+        at, span = base + int(starts[0]), used - int(starts[0])
         keep, damage = _screen(self.memories, c)
         c = c if keep is None else _rows(c, keep)
         if len(c["bits"]) == 0:
-            return [Batch(self.end, b"", None, damage, used, texts)], used
+            return [Batch(at, b"", None, damage, span, texts)], used
         packed = c.pop("packed")
-        return [Batch(self.end, b"", _radials(c), damage, used, texts, packed)], used
+        return [Batch(at, b"", _radials(c), damage, span, texts, packed)], used
 
 
 def _columns(octets: U8, size: int, blocks: Blocks) -> tuple[BoolArray, Columns]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sized
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -125,7 +125,7 @@ class TurnCount:
     def _take(self, s: Swept) -> None:
         """Cut the spokes into turns, and count."""
         self._note(s)
-        setting, changes, limits = s.setting, list(s.changes), _limits(s, self._open.tick)
+        setting, changes, limits = s.setting, deque(s.changes), _limits(s, self._open.tick)
         begins: list[tuple[int, int, bool]] = []
         rows = np.array([row for row, _ in changes], dtype=np.int64)
         runs = ShortRuns(s.turn, s.tick, rows, np.flatnonzero(s.silence > self._silence))
@@ -135,7 +135,7 @@ class TurnCount:
                 setting, start = self._drop(s, (start, end), setting, changes), end
                 continue
             if self._open.n == 0:
-                setting = changes.pop(0)[1] if changes and changes[0][0] == start else setting
+                setting = changes.popleft()[1] if changes and changes[0][0] == start else setting
                 begins.append((start, int(s.turn[start]), self._joins))
             most = MAX_CELLS // max(setting.bits >> 3, 1)
             end, why = self._end(s, start, changes[0][0] if changes else len(s), limits._replace(most_cells=most))
@@ -268,12 +268,12 @@ class TurnCount:
         """Of a turn, as `stream` has it."""
         return LEAST_SPOKES if self._free <= 0 else 0
 
-    def _drop(self, s: Swept, span: tuple[int, int], setting: Setting, changes: list[tuple[int, Setting]]) -> Setting:
+    def _drop(self, s: Swept, span: tuple[int, int], setting: Setting, changes: deque[tuple[int, Setting]]) -> Setting:
         """Pass over spokes [first, end) whose turns were all cut off too early; the range scale of the last of them."""
         at, end = span
         widest = int(s.n_cells[at:end].max())
         while changes and changes[0][0] < end:
-            row, new = changes.pop(0)
+            row, new = changes.popleft()
             self.grids[Grid(setting, widest)] += row - at
             at, setting = row, new
         self.grids[Grid(setting, widest)] += end - at
