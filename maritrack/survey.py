@@ -49,10 +49,11 @@ from maritrack.io.cat240.radials import Batch, Radials
 from maritrack.io.containers.skim import Skim
 from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
 from maritrack.io.source import Octets
+from maritrack.io.turns.counted import Grid
 from maritrack.io.turns.spokes import SILENCE, TICK_NS, TURN, DayCount
-from maritrack.io.turns.stream import FREE_SCANS, TurnBudget
+from maritrack.io.turns.turnbounds import FREE_SCANS, TurnBudget
 from maritrack.io.turns.turnclock import middle
-from maritrack.io.turns.turncount import Grid, TurnCount
+from maritrack.io.turns.turncount import TurnCount
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, take
 
 Row = dict[str, Any]

@@ -20,7 +20,7 @@ from maritrack.io.times import day_start_ns
 from maritrack.io.turns.assemble import Assembler
 from maritrack.io.turns.scans import scan_of
 from maritrack.io.turns.spokes import TICK_NS
-from maritrack.io.turns.stream import Cut
+from maritrack.io.turns.turn import Cut
 from maritrack.settings import InputConfig
 from maritrack.types import Damage, Frame, Origin, Scan
 

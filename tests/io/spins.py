@@ -11,8 +11,7 @@ import numpy as np
 from maritrack.io.cat240.radials import Batch, Radials
 from maritrack.io.datagrams import NO_TIME
 from maritrack.io.turns.assemble import Assembler
-from maritrack.io.turns.stream import Cut
-from maritrack.io.turns.turn import Turn
+from maritrack.io.turns.turn import Cut, Turn
 from maritrack.types import IntArray, take
 
 TURN = 65_536

@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.turns.stitch import join
-from maritrack.io.turns.stream import Cut
+from maritrack.io.turns.turn import Cut
 from maritrack.types import take
 from tests.io.spins import OCTETS, TURN, codes, cuts_of, numbers, radials, spin, turns_of
 

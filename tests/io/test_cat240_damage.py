@@ -303,7 +303,7 @@ def test_a_batch_has_cells_of_the_widest_type_in_it() -> None:
 
 
 def test_records_of_one_block_may_be_in_two_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maritrack.io.cat240.reader.MAX_RADIALS", 1)
+    monkeypatch.setattr("maritrack.io.cat240.cutting.MAX_RADIALS", 1)
     octets = block(video(1), video(2, res=5, nbcells=8)) + SENTINEL
     batches = read(octets)
     assert [(of.bits.tolist(), of.idx.tolist()) for of in radials(batches)] == [([8], [1]), ([16], [2]), ([8], [999])]

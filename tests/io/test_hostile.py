@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maritrack.io.cat240 import reader, scan
+from maritrack.io.cat240 import cutting, reader, scan
 from maritrack.io.cat240.exact import parse_block
 from maritrack.io.cat240_source import MAX_TOLD, Cat240Source, _Told
 from maritrack.io.octets import octets_from_bytes
-from maritrack.io.turns import stream
+from maritrack.io.turns import turnbounds
 from maritrack.io.turns.assemble import Assembler
 from maritrack.settings import InputConfig
 from maritrack.survey import survey
@@ -112,13 +112,13 @@ def test_turns_of_a_few_spokes_are_few_and_show_counts_the_same(kind: str) -> No
     spokes = sum(map(len, radials(read(octets))))
     scans = len(frames(octets))
     sensors = 60 if "sixty" in kind else 1
-    free = sum(stream.FREE_SCANS // k for k in range(1, sensors + 1))
-    assert scans <= free + spokes // stream.LEAST_SPOKES + sensors
+    free = sum(turnbounds.FREE_SCANS // k for k in range(1, sensors + 1))
+    assert scans <= free + spokes // turnbounds.LEAST_SPOKES + sensors
     assert survey(octets_from_bytes(octets, name="x", channel="/input/cat240"))["scans"] == scans
 
 
 def test_the_cells_of_turns_are_bounded_by_the_size_of_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream, "BUDGET_FLOOR", 1 << 20)
+    monkeypatch.setattr(turnbounds, "BUDGET_FLOOR", 1 << 20)
     octets = TURNS["two wide radials in a turn of nine"](100_000)
     some = frames(octets)
     held = sum(frame.scan.video.intensity.nbytes for frame in some if frame.scan.video is not None)
@@ -139,7 +139,7 @@ def test_streams_that_fail_are_inflated_once(monkeypatch: pytest.MonkeyPatch) ->
         tried += 1
         return exact_cells(*place)
 
-    monkeypatch.setattr(reader, "INFLATION_RATIO", 2000)
+    monkeypatch.setattr(cutting, "INFLATION_RATIO", 2000)
     monkeypatch.setattr(reader, "start_cells", started)
     monkeypatch.setattr(reader, "exact_cells", exactly)
     bad = CASES["zlib, wrong checksums"](SIZE)

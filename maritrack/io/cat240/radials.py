@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maritrack.geo import C_MPS
+from maritrack.io.cat240.cells import Cells, Rows
+from maritrack.io.cat240.framing import Window
+from maritrack.io.datagrams import NO_TIME
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, check_lengths
+
+COLUMNS = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "tod")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,3 +80,28 @@ class Batch:
     @property
     def end(self) -> int:
         return self.start + (self.span if self.span >= 0 else len(self.octets))
+
+
+def as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray, stream: IntArray) -> Radials:
+    """Rows (n,) of a window with their cells, of which each has `n_cells` (n,)."""
+    columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
+    femto = rows["femto"] > 0
+    widest = min(int(n_cells.max()), cells.shape[1])
+    return Radials(
+        offset=w.base + rows["block"], **columns, femto=femto,
+        cell_m=np.where(femto, rows["cell_dur"] * 1e-15, rows["cell_dur"] * 1e-9) * C_MPS / 2,
+        t_ns=np.full(len(rows), NO_TIME), stream=stream, compressed=rows["compressed"] > 0, n_cells=n_cells,
+        bits=np.ascontiguousarray(rows["bits"]),
+        cells=cells if cells.shape[1] == widest else np.ascontiguousarray(cells[:, :widest]),
+    )  # fmt: skip
+
+
+def summed(damage: list[Damage]) -> tuple[Damage, ...]:
+    """The same with one entry for what happened several times in a row."""
+    runs = groupby(damage, key=lambda one: (one.code, one.sensor))
+    return tuple(_sum_of(list(run)) for _, run in runs)
+
+
+def _sum_of(run: list[Damage]) -> Damage:
+    first = run[0]
+    return first if len(run) == 1 else replace(first, count=sum(one.count for one in run))

@@ -4,7 +4,7 @@ The authority is the chain of LEN; a record that can't be read costs the rest of
 Blocks of the usual make are read many at a time, all others by `maritrack.io.cat240.exact`; both ways deliver the
 same. Nothing that is wrong is passed over in silence: it comes as Damage with a code and a place.
 
-Memory: a window of the input of at most 4 MiB, a batch of at most 4096 radials and 32 MiB of cells (one radial:
+Memory: a window of the input of at most 8 MiB, a batch of at most 12288 radials and 32 MiB of cells (one radial:
 524288 cells) with its octets, and 1 kB for each of the at most 65536 sensors. Time grows with the length of the input.
 Cells that inflate to more than 256 times the input so far (and 4 MiB) are dropped.
 """
@@ -13,44 +13,36 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from maritrack.errors import InputError
-from maritrack.geo import C_MPS
 from maritrack.io.cat240.cells import (
     Cells,
     Rows,
-    Sent,
     cell_type,
-    exact_cells,
     join_rows,
     keep_memory,
     keys_of,
     start_cells,
     take_rows,
 )
+from maritrack.io.cat240.cutting import charge, ends_of, split
 from maritrack.io.cat240.exact import Summary, Video
+from maritrack.io.cat240.exactcells import Sent, exact_cells
 from maritrack.io.cat240.framing import Window, pieces, window
 from maritrack.io.cat240.items import Trouble
 from maritrack.io.cat240.order import Memory, screen
 from maritrack.io.cat240.parallel import Inflater, ahead, inflater
-from maritrack.io.cat240.radials import Batch, Radials, Text
+from maritrack.io.cat240.radials import Batch, Radials, Text, as_radials, summed
 from maritrack.io.cat240.scan import Chain, Found, scan
-from maritrack.io.datagrams import NO_TIME
 from maritrack.types import BoolArray, Damage, IntArray
 
-MAX_RADIALS = 12_288
-MAX_CELL_OCTETS = 32 << 20
 DOUBT = 1 << 20  # octets of cells of a batch whose inflation failed: those of the next one are not tried many at a time
-MAX_PADDING, PADDING = 4 << 20, 4  # octets of cells in a batch beyond that many times those that were sent
-INFLATION_FLOOR = 4 << 20  # cells
-INFLATION_RATIO = 256  # cells to an octet of input
-COLUMNS = ("sac", "sic", "idx", "start_az", "end_az", "start_rg", "cell_dur", "tod")
 
 
 class Part(NamedTuple):
@@ -122,7 +114,7 @@ def read_batches(
         chunks, fast=fast, cells=cells, stream_of=stream_of, start=start, memories=memories, workers=workers
     )
     for part in parts:
-        damage = _summed(part.damage)
+        damage = summed(part.damage)
         if strict and damage:
             refuse(damage[0], name)
         texts = tuple(text_of(summary, part.window_base) for summary in part.summaries)
@@ -194,10 +186,10 @@ def _stretches_of(w: Window, state: _State) -> Iterator[_Stretch]:
 def _cut(w: Window, start: int, found: Found, state: _State) -> Iterator[_Stretch]:
     """The stretches that make up the window from `start` on, as far as it was scanned."""
     rows = join_rows(found.rows)
-    affordable = _charge(w, rows, state)
+    affordable, state.inflated = charge(rows, w.base, state.inflated)
     damage = sorted(found.damage, key=lambda one: one.offset)
-    bounds = _split(rows)
-    ends = _ends(rows, bounds, start, found.end)
+    bounds = split(rows)
+    ends = ends_of(rows, bounds, start, found.end)
     damage_upto = [bisect_left(damage, w.base + end, key=lambda one: one.offset) for end in ends[:-1]]
     summaries_upto = [bisect_left(found.summaries, end, key=lambda one: one.at) for end in ends[:-1]]
     cuts = zip(
@@ -221,50 +213,6 @@ def _part(one: _Stretch, state: _State) -> Part:
     octets = memoryview(one.w.data)[one.start : one.end] if state.cells else memoryview(b"")
     base, span = one.w.base, one.end - one.start
     return Part(base + one.start, octets, span, radials, damage, videos, one.summaries, base, packed)
-
-
-def _charge(w: Window, rows: Rows, state: _State) -> BoolArray:
-    """Which rows may be inflated: all, until a hostile input would grow beyond its budget."""
-    affordable = np.ones(len(rows), dtype=np.bool_)
-    if not rows["compressed"].any():
-        return affordable
-    charge = np.where(rows["compressed"] > 0, rows["n_cells"], 0)
-    budget = np.maximum(INFLATION_FLOOR, INFLATION_RATIO * (w.base + rows["block_end"]))
-    if state.inflated + int(charge.sum()) <= int(budget[0]) or (state.inflated + np.cumsum(charge) <= budget).all():
-        state.inflated += int(charge.sum())
-        return affordable
-    for i, (cells, limit) in enumerate(zip(charge.tolist(), budget.tolist(), strict=True)):
-        affordable[i] = cells == 0 or state.inflated + cells <= limit
-        state.inflated += cells if affordable[i] else 0
-    return affordable
-
-
-def _split(rows: Rows) -> list[int]:
-    """Bounds of runs of rows that make a batch: not too many cells, and not too many of them for padding."""
-    octets = rows["n_cells"] * np.maximum(rows["bits"] >> 3, 1)
-    widest = int(rows["n_cells"].max(initial=0)) * max(int(rows["bits"].max(initial=0)) >> 3, 1)
-    block = len(rows) * widest
-    if len(rows) <= MAX_RADIALS and block <= MAX_CELL_OCTETS and block <= MAX_PADDING + PADDING * int(octets.sum()):
-        return [0, len(rows)]
-    bounds, most, depth, held = [0], 0, 0, 0
-    sizes = np.maximum(rows["bits"] >> 3, 1).tolist()
-    for i, (cells, size) in enumerate(zip(rows["n_cells"].tolist(), sizes, strict=True)):
-        most, depth, held = max(most, cells), max(depth, size), held + cells * size
-        n = i - bounds[-1]
-        block = (n + 1) * most * depth
-        if n > 0 and (n == MAX_RADIALS or block > MAX_CELL_OCTETS or block > MAX_PADDING + PADDING * held):
-            bounds.append(i)
-            most, depth, held = cells, size, cells * size
-    return [*bounds, len(rows)]
-
-
-def _ends(rows: Rows, bounds: list[int], start: int, stop: int) -> list[int]:
-    """Where each batch ends in the window: before the data block of the next one's first row."""
-    ends = [start]
-    for i in bounds[1:-1]:
-        shared = rows["block"][i] == rows["block"][i - 1]  # records of one block in two batches: the first has it
-        ends.append(max(ends[-1], int(rows["block_end" if shared else "block"][i])))
-    return [*ends[1:], stop]
 
 
 def _radials(one: _Stretch, state: _State) -> tuple[Radials | None, list[Damage], list[Video], IntArray | None]:
@@ -301,7 +249,7 @@ def _radials(one: _Stretch, state: _State) -> tuple[Radials | None, list[Damage]
         return None, damage, [], None
     exact = [] if state.chain.fast else [videos[i] for i in rows["record"][index].tolist()]
     return (
-        _as_radials(w, kept, cells if len(index) == len(rows) else cells[index], n_cells[index], stream),
+        as_radials(w, kept, cells if len(index) == len(rows) else cells[index], n_cells[index], stream),
         damage,
         exact,
         np.ascontiguousarray(kept["octets"]),
@@ -342,27 +290,3 @@ def _cells(one: _Stretch, state: _State) -> tuple[Cells, IntArray, dict[int, lis
             troubles[i] = [*before, *told]
     state.doubtful = lost > DOUBT
     return cells, n_cells, troubles
-
-
-def _as_radials(w: Window, rows: Rows, cells: Cells, n_cells: IntArray, stream: IntArray) -> Radials:
-    columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
-    femto = rows["femto"] > 0
-    widest = min(int(n_cells.max()), cells.shape[1])
-    return Radials(
-        offset=w.base + rows["block"], **columns, femto=femto,
-        cell_m=np.where(femto, rows["cell_dur"] * 1e-15, rows["cell_dur"] * 1e-9) * C_MPS / 2,
-        t_ns=np.full(len(rows), NO_TIME), stream=stream, compressed=rows["compressed"] > 0, n_cells=n_cells,
-        bits=np.ascontiguousarray(rows["bits"]),
-        cells=cells if cells.shape[1] == widest else np.ascontiguousarray(cells[:, :widest]),
-    )  # fmt: skip
-
-
-def _summed(damage: list[Damage]) -> tuple[Damage, ...]:
-    """The same with one entry for what happened several times in a row."""
-    runs = groupby(damage, key=lambda one: (one.code, one.sensor))
-    return tuple(_sum_of(list(run)) for _, run in runs)
-
-
-def _sum_of(run: list[Damage]) -> Damage:
-    first = run[0]
-    return first if len(run) == 1 else replace(first, count=sum(one.count for one in run))

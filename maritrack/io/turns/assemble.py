@@ -16,7 +16,9 @@ import numpy as np
 from maritrack.io.cat240.radials import Radials
 from maritrack.io.datagrams import Stream
 from maritrack.io.turns.spokes import DayCount
-from maritrack.io.turns.stream import FREE_SCANS, Cut, SensorStream, TurnBudget
+from maritrack.io.turns.stream import SensorStream
+from maritrack.io.turns.turn import Cut
+from maritrack.io.turns.turnbounds import FREE_SCANS, TurnBudget
 from maritrack.types import Damage, IntArray
 
 MAX_SENSORS = 64

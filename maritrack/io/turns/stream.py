@@ -13,7 +13,7 @@ are filled up to the widest: where the turns of an input get too large for its s
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,41 +39,13 @@ from maritrack.io.turns.spokes import (
 )
 from maritrack.io.turns.spoketime import ASSUMED_PERIOD_NS, SpokeClock
 from maritrack.io.turns.stitch import continues, extends, join, stitch
-from maritrack.io.turns.turn import OpenTurn, Turn, findings, last_of_repeats
+from maritrack.io.turns.turn import Cut, OpenTurn, Turn, findings, last_of_repeats
+from maritrack.io.turns.turnbounds import FREE_SCANS, LEAST_SPOKES, MAX_CELLS, MAX_SPOKES, SILENT_TURNS, TurnBudget
 from maritrack.types import Damage, IntArray, take
 
-MAX_SPOKES = 65_536  # of a turn
-MAX_CELLS = 1 << 26  # of a turn, padding included; of 16 bit half as many, of 32 bit a quarter
-SILENT_TURNS = 3
-FREE_SCANS, LEAST_SPOKES = 256, 128
-BUDGET_FLOOR, BUDGET_RATIO = 1 << 28, 256  # octets of cells in turns, and more for each octet of input
 WIDER = 2  # a turn with cells this much further out, or less far, than the last is a new segment
 END_OF_INPUT = int(np.iinfo(np.int64).max)
 HELD = -1  # in place of a row: the spoke that was held back
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cut:
-    """The end of a turn. `turn` is None where what there was is not worth a scan."""
-
-    found: int  # number of the record at which the end was certain
-    offset: int  # octet of the input where the next turn's first spoke is
-    turn: Turn | None
-    damage: tuple[Damage, ...]
-
-
-@dataclass(slots=True)
-class TurnBudget:
-    """What the turns of all sensors of an input may take together."""
-
-    used: int = 0  # octets of cells
-
-    def allows(self, octets: int, place: int) -> bool:
-        """Whether a turn may have so many more, now that the input is read up to an octet; then they are used."""
-        if self.used + octets > BUDGET_FLOOR + BUDGET_RATIO * place:
-            return False
-        self.used += octets
-        return True
 
 
 class SensorStream:

@@ -117,3 +117,13 @@ def findings(spokes: Spokes, sensor: str) -> Iterator[Damage]:
             n, first = int(wrong.sum()), int(spokes["offset"][np.argmax(wrong)])
             message = f"{n} {text}" if column in ("odd", "stray") else text
             yield Damage(code, first, message, sensor, lost if column == "lost" else n)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """The end of a turn. `turn` is None where what there was is not worth a scan."""
+
+    found: int  # number of the record at which the end was certain
+    offset: int  # octet of the input where the next turn's first spoke is
+    turn: Turn | None
+    damage: tuple[Damage, ...]

@@ -5,19 +5,27 @@ from __future__ import annotations
 from array import array
 from collections import Counter, deque
 from collections.abc import Sized
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from maritrack.io.cat240.radials import Radials
+from maritrack.io.turns.counted import Change, Grid, Loss, Opened, Pause
 from maritrack.io.turns.sectors import Sectors
 from maritrack.io.turns.shortruns import MAX_TICKS, ShortRuns
 from maritrack.io.turns.spokes import NO_TICK, SILENCE, TICK_NS, TURN, DayCount
 from maritrack.io.turns.spoketime import ASSUMED_PERIOD_NS
-from maritrack.io.turns.stream import FREE_SCANS, LEAST_SPOKES, MAX_CELLS, MAX_SPOKES, SILENT_TURNS, TurnBudget
 from maritrack.io.turns.sweep import Judge, Setting, Swept
 from maritrack.io.turns.turn import LEAST_ADVANCE
+from maritrack.io.turns.turnbounds import (
+    FREE_SCANS,
+    LEAST_SPOKES,
+    MAX_CELLS,
+    MAX_SPOKES,
+    SILENT_TURNS,
+    Limits,
+    TurnBudget,
+    limits_of,
+)
 from maritrack.io.turns.turnclock import TurnClock, exact_ns, middle
 from maritrack.types import IntArray
 
@@ -25,59 +33,6 @@ MOST_KEPT = 2000  # silences, losses and changes; more are only counted
 SHORT_PAUSE = 26  # ticks: shorter silences are of no interest
 LOOK = 4096  # spokes that are looked at at once
 WIDER = 1.05  # times as many cells: another range
-
-
-class Grid(NamedTuple):
-    """The cells of a spoke."""
-
-    setting: Setting
-    n_cells: int
-
-
-class Loss(NamedTuple):
-    """Records that are missing by their MSG_INDEX."""
-
-    t_ns: int | None
-    offset: int  # octet of the recording where the next one is
-    records: int
-
-
-class Pause(NamedTuple):
-    """A long time between two spokes."""
-
-    ticks: int
-    t_ns: int  # of the spoke before
-    offset: int  # of the one after it
-
-
-class Change(NamedTuple):
-    """Another range scale."""
-
-    t_ns: int | None
-    offset: int
-    old: Grid
-    new: Grid
-
-
-@dataclass(slots=True)
-class _Open:
-    """The turn that is being counted."""
-
-    n: int = 0  # spokes
-    kept: int = 0  # without those of a range scale of their own
-    turn: int = 0  # unwrapped azimuth of the first spoke
-    last: int = 0  # of the last
-    low: int = 0
-    high: int = 0
-    tick: int = NO_TICK  # first known time
-    until: int = NO_TICK  # last
-    widest: int = 0  # cells
-    t_ns: int | None = None  # of the first spoke
-    offset: int = -1
-    last_offset: int = -1
-    rising: bool = True
-    azimuths: list[IntArray] = field(default_factory=list)  # START and END in one, to find spokes that come again
-    shown: list[tuple[IntArray, IntArray, IntArray]] = field(default_factory=list)  # of good spokes, for `Sectors`
 
 
 class TurnCount:
@@ -98,7 +53,7 @@ class TurnCount:
         self.grids: Counter[Grid] = Counter()  # spokes
         self.full_turns = array("q")  # spokes of each
         self.clock, self.sectors = TurnClock(), Sectors()
-        self._judge, self._open = Judge(days), _Open()
+        self._judge, self._open = Judge(days), Opened()
         self._setting = Setting(0, 0, 0, False)  # of the last spoke
         self._grid: Grid | None = None  # of the last scan
         self._cells = 0  # of the last spoke
@@ -125,7 +80,7 @@ class TurnCount:
     def _take(self, s: Swept) -> None:
         """Cut the spokes into turns, and count."""
         self._note(s)
-        setting, changes, limits = s.setting, deque(s.changes), _limits(s, self._open.tick)
+        setting, changes, limits = s.setting, deque(s.changes), limits_of(s, self._open.tick)
         begins: list[tuple[int, int, bool]] = []
         rows = np.array([row for row, _ in changes], dtype=np.int64)
         runs = ShortRuns(s.turn, s.tick, rows, np.flatnonzero(s.silence > self._silence))
@@ -200,7 +155,7 @@ class TurnCount:
         if _room(self.changes):
             self.changes.append(change)
 
-    def _end(self, s: Swept, start: int, change: int, limits: _Limits) -> tuple[int, str]:
+    def _end(self, s: Swept, start: int, change: int, limits: Limits) -> tuple[int, str]:
         """The row at which the turn that is open, or begins at `start`, ends, and why; (n, "") if it goes on.
 
         `change` is the next row with another range scale, n where there is none.
@@ -220,7 +175,7 @@ class TurnCount:
             end, why = change, "range-change"
         return end, why
 
-    def _overlong(self, s: Swept, start: int, end: int, limits: _Limits) -> int:
+    def _overlong(self, s: Swept, start: int, end: int, limits: Limits) -> int:
         """The first row from `start` on that the open turn has no room for, or `end`."""
         o, n = self._open, end - start
         first = min(end, start + MAX_SPOKES - o.n)
@@ -281,7 +236,7 @@ class TurnCount:
         return setting
 
     def _close(self, why: str, setting: Setting) -> None:
-        o, self._open = self._open, _Open()
+        o, self._open = self._open, Opened()
         self._joins = why == "turn"
         repeated = 0 if o.rising else o.kept - len(np.unique(np.concatenate(o.azimuths)))
         self.repeated += repeated
@@ -307,22 +262,6 @@ class TurnCount:
     def pauses(self) -> list[Pause]:
         """The longest silences of more than SHORT_PAUSE, in order."""
         return [Pause(*row) for row in self._pauses[np.argsort(self._pauses[:, 2], kind="stable")].tolist()]
-
-
-class _Limits(NamedTuple):
-    """What can't be exceeded within a stretch, so that it needn't be looked for in each turn."""
-
-    n_cells: int
-    silence: int  # ticks
-    long: bool  # it may last longer than a turn
-    most_cells: int = MAX_CELLS  # of a turn
-
-
-def _limits(s: Swept, begin: int) -> _Limits:
-    ticks = s.tick if s.tick.min() != NO_TICK else s.tick[s.tick != NO_TICK]
-    if begin != NO_TICK:
-        ticks = np.append(ticks, begin)
-    return _Limits(int(s.n_cells.max()), int(s.silence.max()), len(ticks) > 0 and int(np.ptp(ticks)) > MAX_TICKS)
 
 
 def _room(kept: Sized) -> int:
