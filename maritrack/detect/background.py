@@ -2,9 +2,11 @@
 
 Each pixel of a grid in east-north keeps a distribution psi over how many points it has in a scan: 0 .. v - 1, learned
 by stochastic weak estimation (Oommen, Rueda 2006). Pixels that never had a point all have the same psi, so only the
-others are kept, each as of the scan that last hit it: an empty scan takes psi to a psi + (1 - a) e_0, and many of
-them are one power of a. Time is counted in e-folds, -log a a scan, so that a may differ from scan to scan. Of a
-pixel's counts only those that it had are kept one by one; the others have their equal share of the start, `floor`.
+others have a row. An observation c takes psi to a psi + (1 - a) e_c, and with it what is asked of a row: how likely it
+is to have points, its distance from an empty one, how likely counts above the threshold are. Each of these follows
+from its value before and from psi_c alone, so that no scan looks at all counts of a row; where a row has no point all
+of them shrink by a. What psi_c is, `pairs` tells, of the counts that the row had; the others have their equal share of
+the start. Time is counted in e-folds, -log a a look, so that a may differ from scan to scan.
 All of this is exact, not an approximation of the dense model.
 """
 
@@ -12,29 +14,46 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maritrack import geo
+from maritrack.detect.pairs import (
+    BITS,
+    NO_PAIRS,
+    Pairs,
+    found,
+    level_of,
+    merged,
+    observed,
+    of_rows,
+    others,
+    with_rows,
+)
 from maritrack.settings import SubtractConfig
 from maritrack.types import BoolArray, FloatArray, IntArray, Mask, Points, Scan, Tracks, take
 
-TINY = 1e-17  # a count of this weight is as good as one that never was
-SLOTS = 4  # counts kept by a new pixel; doubled when one pixel needs more
+TINY = 1e-17  # a count as unlikely as this is as good as one that never was
+FAINT = 1e-250  # and this is zero; less would be slow to reckon with
+TIDY = 16.0  # e-folds after which both are looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
-    """The model after a scan. Rows are the pixels that ever had a point, ascending by key, each as of its own time."""
+    """The model after a scan. Rows are the pixels that ever had a point, ascending by key."""
 
     key: IntArray  # (n,) geo.pixel_key
-    at: FloatArray  # (n,) e-folds: the time of the row
-    floor: FloatArray  # (n,) psi of each count without a slot
-    count: NDArray[np.int16]  # (n, s) counts that the pixel had, -1 = free slot; slot 0 is count 0
-    weight: FloatArray  # (n, s) psi of them
-    hold: FloatArray  # (n,) background as long as hold exp(at - now) > 1
+    late: FloatArray  # (n,) e-folds in which the row was not looked at: now - late is its own time
+    base: FloatArray  # (n,) log psi of each count at the beginning: the level of those that it never had
+    rest: FloatArray  # (n,) 1 - psi_0
     drift: FloatArray  # (n,) |psi - e_0|
+    high: FloatArray  # (n,) psi of the likeliest count above the threshold; where the tail decides, of all of them
+    low: FloatArray  # (n,) psi of the likeliest count up to the threshold but 0; 0 where the tail decides
+    last: NDArray[np.int16]  # (n,) count at the last look
+    off: FloatArray  # (n,) |psi - e_last|, where last > 0
+    pairs: Pairs = NO_PAIRS
     now: float = 0.0  # e-folds since the beginning
     change: tuple[float, ...] = ()  # abs-9 of the last scans, mean over the pixels of this list, newest last
     scans: int = 0
@@ -49,11 +68,8 @@ class Background:
 
 def no_background(corner_m: tuple[float, float] = (0.0, 0.0)) -> Background:
     """The model before the first scan."""
-    none = np.zeros(0)
-    return Background(
-        none.astype(np.int64), none, none, np.zeros((0, SLOTS), np.int16), np.zeros((0, SLOTS)), none, none,
-        corner_m=corner_m,
-    )  # fmt: skip
+    no = np.zeros(0)
+    return Background(no.astype(np.int64), no, no, no, no, no, no, no.astype(np.int16), no, corner_m=corner_m)
 
 
 def learn(
@@ -108,132 +124,92 @@ def take_counts(
 ) -> Background:
     """The model after a scan with `count` (h,) > 0 points in the pixels `key` (h,), which ascend, each once.
 
-    psi <- a psi, and 1 - a more for the count that was observed. Rows that are `seen` (n,) and have no point observe
-    0, the others nothing.   Eq: abs-8
+    Rows that are `seen` (n,) and have no point observe 0, the others nothing.
     """
-    count, now, step = np.minimum(count, rules.categories - 1), model.now, -math.log(rate)
-    place = np.searchsorted(model.key, key)
-    known = np.zeros(len(key), bool)
-    known[place < len(model)] = model.key[place[place < len(model)]] == key[place < len(model)]
-    waits = ~seen
-    waits[place[known]] = False
+    step, count = -math.log(rate), np.minimum(count, rules.categories - 1)
+    hit, known = found(model.key, key)
+    waits, new = ~seen, ~known
+    waits[hit[known]] = False
+    if new.any():
+        model, hit, place = _with_pixels(model, key[new], hit[new], rules), hit + np.cumsum(new) - new, hit[new]
+        waits = np.insert(waits, place, False) if waits.any() else np.zeros(len(model), bool)
+    name, now = (hit << BITS) | count, model.now + step
+    place, has = found(model.pairs.name, name)
+    psi = np.exp(level_of(model.pairs, place, has, model.base.take(hit)) + (model.late.take(hit) - model.now))
+    after, psi, away = _observed(model, hit, count, psi, rules, rate)
+
+    distance, late = model.drift.copy(), model.late
+    distance[hit] = away
+    fade: Any = rate  # of a row without a point
+    keep: Any = 0
     if waits.any():
-        model = replace(model, at=np.where(waits, model.at + step, model.at))
-    if not known.all():
-        waits = np.insert(waits, place[~known], False)
-        model = _with_pixels(model, key[~known], rules)
-    hit = place + np.cumsum(~known) - ~known
-    rows = _brought_to(take(model, hit), now)
-    slot, has = _slot(rows, count)
-    d = (1.0 - rate) * np.exp(model.at - now) * model.drift
-    d[hit] = (1.0 - rate) * _distance(rows, slot, has, rules)
-    rows = _observe(rows, count, slot, has, rate)
-    model = _written(model, hit, judged(replace(rows, at=rows.at + step), rules))
-    active = d[~waits] if waits.any() else d
-    model = _noted(replace(model, now=now - math.log(rate)), float(active.mean()) if len(active) else 0.0, rate)
-    return _bounded(model, rules.max_pixels)
+        distance, fade, keep, late = distance[~waits], np.where(waits, 1.0, rate), waits, late + step * waits
+    arrays: dict[str, Any] = {x: getattr(model, x) * (keep if x in ("last", "off") else fade) for x in after}
+    for x, values in after.items():
+        arrays[x][hit] = values
+    pairs = observed(model.pairs, name, place, has, np.log(psi) + (now - late[hit]))
+    change = (1.0 - rate) * float(distance.mean()) if len(distance) else 0.0
+    model = _noted(replace(model, late=late, pairs=pairs, now=now, **arrays), change, rate)
+    return _bounded(_tidied(model, step), rules.max_pixels)
 
 
-def _with_pixels(model: Background, key: IntArray, rules: SubtractConfig) -> Background:
-    """The model with rows for pixels that had no point so far, as they were at the beginning.
+def _observed(
+    model: Background, hit: IntArray, count: IntArray, psi: FloatArray, rules: SubtractConfig, a: float
+) -> tuple[dict[str, NDArray[Any]], FloatArray, FloatArray]:
+    """What a `count` (h,) > 0, as likely as `psi` (h,), makes of the rows `hit`, and of psi; |psi - e_c| before it.
+
+    psi <- a psi, and 1 - a more for the count that was observed.   Eq: abs-8
+    """
+    b, above = 1.0 - a, count > rules.threshold
+    rest, drift, last, off = (x.take(hit) for x in (model.rest, model.drift, model.last, model.off))
+    high, low = a * model.high.take(hit), a * model.low.take(hit)
+    # |psi - e_c|^2 = |psi - e_0|^2 + 2 (psi_0 - psi_c), but for a count that comes again the difference of equals
+    squared = np.maximum(drift**2 + 2.0 * (1.0 - rest - psi), 0.0)
+    away = np.where(last == count, off, np.sqrt(squared))
+    drift = np.sqrt((a * drift) ** 2 + (2.0 * a * b) * (psi + rest) + 2.0 * b**2)
+    psi = a * psi + b
+    if rules.decision == "tail":
+        high += b * above
+    else:
+        high, low = np.maximum(high, psi * above), np.maximum(low, psi * ~above)
+    after = {"rest": a * rest + b, "drift": drift, "high": high, "low": low, "last": count, "off": a * away}
+    return after, psi, away
+
+
+def _with_pixels(model: Background, key: IntArray, place: IntArray, rules: SubtractConfig) -> Background:
+    """The model with rows, before those that are now at `place`, for pixels that had no point so far.
 
     psi_i(0) = 1 / v; with `subtract.start` = "empty" all of it is at count 0.   Eq: abs-7
     """
-    at, n = np.searchsorted(model.key, key), len(key)
-    uniform = rules.start == "uniform"
-    share = 1.0 / rules.categories if uniform else 0.0
-    count = np.full((n, model.count.shape[1]), -1, np.int16)
-    weight = np.zeros(count.shape)
-    count[:, 0], weight[:, 0] = 0, share if uniform else 1.0
-    start = {"key": key, "at": np.zeros(n), "floor": np.full(n, share), "count": count, "weight": weight,
-             "hold": np.zeros(n), "drift": np.zeros(n)}  # fmt: skip
-    grown = {name: np.insert(getattr(model, name), at, values, axis=0) for name, values in start.items()}
-    return replace(model, **grown)
-
-
-def _brought_to(rows: Background, now: float) -> Background:
-    """The rows after the empty scans since their time."""
-    left = np.exp(rows.at - now)
-    weight = left[:, None] * rows.weight
-    weight[:, 0] += 1.0 - left
-    return replace(rows, at=np.full(len(rows), now), floor=left * rows.floor, weight=weight)
-
-
-def _observe(rows: Background, count: IntArray, slot: IntArray, has: BoolArray, rate: float) -> Background:
-    """The rows after an observation of `count` (n,), which `has` a slot or gets one; more of them where needed."""
-    free = 1 + np.argmin(rows.weight[:, 1:], axis=1)
-    at = np.arange(len(rows))
-    if (~has & (rows.weight[at, free] > TINY)).any():
-        rows = _with_slots(rows, 2 * rows.count.shape[1])
-        free = 1 + np.argmin(rows.weight[:, 1:], axis=1)
-    slot = np.where(has, slot, free)
-    kept, weight = rows.count.copy(), rows.weight.copy()
-    weight[at, slot] = np.where(has, weight[at, slot], rows.floor)
-    kept[at, slot] = count
-    weight *= rate
-    weight[at, slot] += 1.0 - rate
-    return replace(rows, count=kept, weight=weight, floor=rate * rows.floor)
-
-
-def _slot(rows: Background, count: IntArray) -> tuple[IntArray, BoolArray]:
-    """Slot of a count (n,) in each row, and whether there is one."""
-    same = rows.count == count[:, None]
-    return np.argmax(same, axis=1), same.any(axis=1)
-
-
-def _with_slots(rows: Background, slots: int) -> Background:
-    """The rows with room for more counts."""
-    more = ((0, 0), (0, slots - rows.count.shape[1]))
-    return replace(rows, count=np.pad(rows.count, more, constant_values=np.int16(-1)), weight=np.pad(rows.weight, more))
-
-
-def _written(model: Background, index: IntArray, rows: Background) -> Background:
-    """The model with some of its rows replaced."""
-    if rows.count.shape[1] > model.count.shape[1]:
-        model = _with_slots(model, rows.count.shape[1])
-    arrays = {name: getattr(model, name).copy() for name in ("at", "floor", "count", "weight", "hold", "drift")}
-    for name, array in arrays.items():
-        array[index] = getattr(rows, name)
-    return replace(model, **arrays)
-
-
-def _distance(rows: Background, slot: IntArray, has: BoolArray, rules: SubtractConfig) -> FloatArray:
-    """|psi - e_c| (n,) for the count c in a slot, or without one: what a scan with that count changes, over 1 - a."""
-    at = np.arange(len(rows))
-    own = np.where(has, rows.weight[at, slot], rows.floor)
-    rest = rows.weight.copy()
-    rest[at[has], slot[has]] = 0.0
-    without = rules.categories - np.count_nonzero(rows.count >= 0, axis=1) - ~has
-    squared = np.einsum("ij,ij->i", rest, rest)
-    return np.asarray(np.sqrt(squared + without * rows.floor**2 + (1.0 - own) ** 2))
+    v, left, at = rules.categories, math.exp(-model.now), place + np.arange(len(key))
+    share, base = (1.0 / v, -math.log(v)) if rules.start == "uniform" else (0.0, -math.inf)
+    tail = rules.decision == "tail"
+    start = {
+        "key": key, "late": 0.0, "base": base, "rest": left * (v - 1) * share,
+        "drift": left * math.sqrt(v * (v - 1)) * share, "last": 0, "off": 0.0,
+        "high": left * share * (v - 1 - rules.threshold if tail else 1),
+        "low": 0.0 if tail or rules.threshold == 0 else left * share,
+    }  # fmt: skip
+    rest = others(len(model) + len(key), at)
+    grown: dict[str, Any] = {x: merged(getattr(model, x), rest, at, values) for x, values in start.items()}
+    return replace(model, pairs=with_rows(model.pairs, place), **grown)
 
 
 def judged(model: Background, rules: SubtractConfig) -> Background:
-    """The model with its rows judged by the settings."""
-    first, has = np.zeros(len(model), np.int64), np.ones(len(model), bool)
-    return replace(model, hold=_hold(model, rules), drift=_distance(model, first, has, rules))
-
-
-def _hold(rows: Background, rules: SubtractConfig) -> FloatArray:
-    """How long each row (n,) stays background without points: as long as hold exp(at - now) > 1.
-
-    `map`: the likeliest count exceeds the threshold; it competes with psi_0 = 1 - (1 - psi_0) a^g, and counts
-    below it decay as it does; of equals the smaller counts. `tail`: counts above the threshold are likelier than
-    `subtract.tail_probability`, together.
-    """
-    kept = rows.count >= 0
-    above = kept & (rows.count > rules.threshold)
-    free_above = rules.categories - 1 - rules.threshold - above.sum(axis=1)  # counts without a slot
+    """The model with `drift`, `high` and `low` reckoned anew from all counts of each row, by the settings."""
+    n, row, count, time = len(model), model.pairs.row, model.pairs.count, model.now - model.late
+    floor, psi = np.exp(model.base - time), np.exp(model.pairs.level - time[row])
+    above = count > rules.threshold
+    free = rules.categories - 1 - np.bincount(row, minlength=n)
+    drift = np.sqrt(model.rest**2 + np.bincount(row, psi**2, n) + free * floor**2)
     if rules.decision == "tail":
-        tail = np.where(above, rows.weight, 0.0).sum(axis=1) + free_above * rows.floor
-        return np.asarray(tail / rules.tail_probability)
-    below = kept & ~above
-    free_below = rules.threshold + 1 - below.sum(axis=1)
-    high = np.where(above, rows.weight, 0.0).max(axis=1, initial=0.0)
-    high = np.maximum(high, np.where(free_above > 0, rows.floor, 0.0))
-    low = np.where(below[:, 1:], rows.weight[:, 1:], 0.0).max(axis=1, initial=0.0)
-    low = np.maximum(low, np.where(free_below > 0, rows.floor, 0.0))
-    return np.where(high > low, 1.0 + high - rows.weight[:, 0], 0.0)
+        free = rules.categories - 1 - rules.threshold - np.bincount(row[above], minlength=n)
+        tail = np.bincount(row[above], psi[above], n) + free * floor
+        return replace(model, drift=drift, high=np.asarray(tail, float), low=np.zeros(n))
+    high, low = floor.copy(), floor * (rules.threshold > 0)  # those that a row never had are the least likely
+    np.maximum.at(high, row[above], psi[above])
+    np.maximum.at(low, row[~above], psi[~above])
+    return replace(model, drift=drift, high=high, low=low)
 
 
 def _noted(model: Background, change: float, rate: float) -> Background:
@@ -255,26 +231,45 @@ def _noted(model: Background, change: float, rate: float) -> Background:
     )  # fmt: skip
 
 
+def _tidied(model: Background, step: float) -> Background:
+    """The model, from time to time, without counts and rests that are as good as none."""
+    if math.floor(model.now / TIDY) == math.floor((model.now - step) / TIDY):
+        return model
+    own = model.now - model.late[model.pairs.row]
+    kept = model.pairs.level - own > math.log(TINY)
+    rest = model.rest > FAINT
+    faded: dict[str, Any] = {x: np.where(rest, getattr(model, x), 0.0) for x in ("rest", "drift", "high", "low")}
+    return replace(model, pairs=Pairs(model.pairs.name[kept], model.pairs.level[kept]), **faded)
+
+
 def _bounded(model: Background, most: int) -> Background:
     """The model with at most so many pixels: beyond, a quarter goes, those that are nearest to empty."""
     if len(model) <= most:
         return model
-    left = model.drift * np.exp(model.at - model.now)
-    return take(model, np.sort(np.argsort(-left, kind="stable")[: most - most // 4]))
+    rows = np.sort(np.argsort(-model.drift, kind="stable")[: most - most // 4])
+    return replace(take(model, rows), pairs=of_rows(model.pairs, rows))
 
 
 def mask_of(model: Background, rules: SubtractConfig) -> Mask:
-    """The pixels that are background now."""
-    now = model.hold * np.exp(model.at - model.now) > 1.0
-    return Mask(model.key[now], rules.pixel_m, model.corner_m)
+    """The pixels that are background now.
+
+    `map`: the likeliest count exceeds the threshold; of equals the smaller counts. `tail`: counts above the threshold
+    are likelier than `subtract.tail_probability`, together.
+    """
+    if rules.decision == "tail":
+        now = model.high > rules.tail_probability
+    else:
+        now = (model.high > model.low) & (model.high + model.rest > 1.0)
+    return Mask(model.key.take(np.flatnonzero(now)), rules.pixel_m, model.corner_m)
 
 
 def psi_of(model: Background, key: IntArray, rules: SubtractConfig) -> FloatArray:
     """The distributions (n, v) of some pixels now, those without a row included."""
-    known = np.isin(key, model.key)
-    model = _with_pixels(model, np.unique(key[~known]), rules)
-    rows = _brought_to(take(model, np.searchsorted(model.key, key)), model.now)
-    psi = np.tile(rows.floor[:, None], rules.categories)
-    row, slot = np.nonzero(rows.count >= 0)
-    psi[row, rows.count[row, slot]] = rows.weight[row, slot]
+    new = np.setdiff1d(key, model.key)
+    model = _with_pixels(model, new, np.searchsorted(model.key, new), rules)
+    rows = np.searchsorted(model.key, key)
+    time, pairs = model.now - model.late[rows], of_rows(model.pairs, rows)
+    psi = np.tile(np.exp(model.base[rows] - time)[:, None], rules.categories)
+    psi[pairs.row, pairs.count] = np.exp(pairs.level - time[pairs.row])
+    psi[:, 0] = 1.0 - model.rest[rows]
     return psi

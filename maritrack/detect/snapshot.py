@@ -20,14 +20,18 @@ from numpy.typing import NDArray
 
 from maritrack import geo
 from maritrack.detect.background import Background, judged
+from maritrack.detect.pairs import BITS, Pairs
 from maritrack.errors import InputError
 from maritrack.settings import SubtractConfig
 from maritrack.types import Origin
 
-FORMAT = "maritrack-background/1"
+FORMAT, SLOTTED = "maritrack-background/2", "maritrack-background/1"
 HEADER = "header.npy"
 MOST_OCTETS, MOST_MODELS, MOST_HEADER = 1 << 29, 64, 1 << 16
-ARRAYS = {"key": "<i8", "at": "<f8", "floor": "<f8", "count": "<i2", "weight": "<f8"}
+SLACK = 1e-6  # of probabilities
+ROWS = {"key": "<i8", "late": "<f8", "base": "<f8", "rest": "<f8"}
+PAIRS = {"name": "<i8", "level": "<f8"}
+SLOTS = {"key": ("<i8", 1), "at": ("<f8", 1), "floor": ("<f8", 1), "count": ("<i2", 2), "weight": ("<f8", 2)}
 
 
 def snapshot_octets(models: Mapping[str, Background], rules: SubtractConfig, origin: Origin | None) -> bytes:
@@ -43,7 +47,8 @@ def snapshot_octets(models: Mapping[str, Background], rules: SubtractConfig, ori
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
     members: dict[str, NDArray[Any]] = {HEADER: text}
     for i, (_, model) in enumerate(sorted(models.items())):
-        members |= {f"{i}.{name}.npy": getattr(model, name).astype(kind) for name, kind in ARRAYS.items()}
+        members |= {f"{i}.{name}.npy": getattr(model, name).astype(kind) for name, kind in ROWS.items()}
+        members |= {f"{i}.{name}.npy": getattr(model.pairs, name).astype(kind) for name, kind in PAIRS.items()}
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
         for name, array in members.items():
@@ -56,14 +61,16 @@ def snapshot_octets(models: Mapping[str, Background], rules: SubtractConfig, ori
 def read_snapshot(data: bytes, rules: SubtractConfig, origin: Origin | None, *, name: str) -> dict[str, Background]:
     """The models of a snapshot by sensor, in the plane of the run's origin.
 
-    InputError where it is no snapshot, damaged, or of another grid than the settings ask for.
+    One of the format before this one, in which each row has its counts in slots, is read as well. InputError where it
+    is no snapshot, damaged, or of another grid than the settings ask for.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as file:
             members = _members(file, name)
             header = _header(_array(members, HEADER, "|u1", 1, name), name)
+            model = _model if header["format"] == FORMAT else _slotted
             models = {
-                str(told["sensor"]): _model(members, i, told, int(header["categories"]), name)
+                str(told["sensor"]): model(members, i, told, int(header["categories"]), name)
                 for i, told in enumerate(header["models"])
             }
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
@@ -85,7 +92,7 @@ def read_snapshot(data: bytes, rules: SubtractConfig, origin: Origin | None, *, 
 def _members(file: zipfile.ZipFile, name: str) -> dict[str, bytes]:
     """The files inside, inflated, none of them larger than it says."""
     infos = file.infolist()
-    if len(infos) > 1 + MOST_MODELS * len(ARRAYS) or sum(info.file_size for info in infos) > MOST_OCTETS:
+    if len(infos) > 1 + MOST_MODELS * (len(ROWS) + len(PAIRS)) or sum(info.file_size for info in infos) > MOST_OCTETS:
         raise InputError(f"{name}: a snapshot that inflates to more than {MOST_OCTETS >> 20} MB")
     members = {}
     for info in infos:
@@ -115,7 +122,7 @@ def _header(text: NDArray[Any], name: str) -> dict[str, Any]:
         header = json.loads(text.tobytes())
     except RecursionError:
         raise ValueError("its header nests too deeply") from None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
+    if not isinstance(header, dict) or header.get("format") not in (FORMAT, SLOTTED):
         raise InputError(f"{name}: no snapshot of a background in the format {FORMAT}")
     if not (math.isfinite(header["pixel_m"]) and header["pixel_m"] > 0 and 2 <= int(header["categories"]) <= 32768):
         raise ValueError("its grid")
@@ -126,37 +133,81 @@ def _header(text: NDArray[Any], name: str) -> dict[str, Any]:
 
 def _model(members: Mapping[str, bytes], i: int, told: dict[str, Any], categories: int, name: str) -> Background:
     """One model, checked: it is what learning gives."""
-    a = {
-        key: _array(members, f"{i}.{key}.npy", kind, 2 if key in ("count", "weight") else 1, name)
-        for key, kind in ARRAYS.items()
-    }
-    now, (east, north), n = float(told["now"]), map(float, told["corner_m"]), len(a["key"])
-    kept = a["count"] >= 0
+    a = {x: _array(members, f"{i}.{x}.npy", kind, 1, name) for x, kind in (ROWS | PAIRS).items()}
+    bare, n = _bare(told, a["key"], i), len(a["key"])
+    pairs = Pairs(a["name"].astype(np.int64), a["level"].astype(float))
     right = (
-        math.isfinite(now) and now >= 0 and math.isfinite(east + north) and int(told["scans"]) >= 0
-        and a["count"].shape == a["weight"].shape and a["count"].shape[1] >= 2
-        and len(a["at"]) == len(a["floor"]) == len(a["count"]) == n
-        and bool((np.diff(a["key"]) > 0).all() and (a["key"] >= 0).all())
-        and bool(np.isfinite(a["at"]).all() and (a["at"] <= now).all())
-        and bool((a["weight"] >= 0).all() and (a["floor"] >= 0).all())
-        and bool((a["count"][:, 0] == 0).all() and (a["count"] >= -1).all() and (a["count"] < categories).all())
-        and not bool((kept[:, 1:] & (a["count"][:, 1:] == 0)).any())
-        and not bool((a["weight"] * ~kept).any())
+        len(a["late"]) == len(a["base"]) == len(a["rest"]) == n and len(pairs) == len(pairs.level)
+        and bool((a["late"] >= 0).all() and (a["late"] <= bare.now).all())
+        and bool((a["rest"] >= 0).all() and (a["rest"] <= 1 + SLACK).all())
+        and bool((pairs.name >= 0).all() and (np.diff(pairs.name) > 0).all() and (pairs.row < n).all())
+        and bool((pairs.count > 0).all() and (pairs.count < categories).all())
+        and not bool(np.isnan(a["base"]).any() or np.isnan(pairs.level).any())
     )  # fmt: skip
     if not right:
         raise ValueError(f"model {i} is none")
-    total = a["weight"].sum(axis=1) + (categories - kept.sum(axis=1)) * a["floor"]
-    if not np.allclose(total, 1.0, rtol=0.0, atol=1e-6):
-        raise ValueError(f"the probabilities of model {i} do not add up to 1")
-    ordered = np.sort(np.where(kept, a["count"], -1 - np.arange(kept.shape[1])), axis=1)
-    if (np.diff(ordered, axis=1) == 0).any():
-        raise ValueError(f"model {i} has a count twice")
-    zero = np.zeros(n)
-    return Background(
-        a["key"].astype(np.int64), a["at"].astype(float), a["floor"].astype(float), a["count"].astype(np.int16),
-        a["weight"].astype(float), zero, zero, now=now, scans=int(told["scans"]), converged=bool(told["converged"]),
-        settled=bool(told["converged"]), corner_m=(east, north),
+    late, base, rest = (a[x].astype(float) for x in ("late", "base", "rest"))
+    return _summed(replace(bare, late=late, base=base, rest=rest, pairs=pairs), categories, i)
+
+
+def _slotted(members: Mapping[str, bytes], i: int, told: dict[str, Any], categories: int, name: str) -> Background:
+    """One model of the format before: psi as of the time `at`, of the counts that a slot has and of each other one."""
+    key, at, floor, count, weight = (
+        _array(members, f"{i}.{x}.npy", kind, ndim, name) for x, (kind, ndim) in SLOTS.items()
+    )
+    bare, kept = _bare(told, key, i), count >= 0
+    right = (
+        len(at) == len(floor) == len(count) == len(key) and count.shape == weight.shape and count.shape[1] >= 2
+        and bool(np.isfinite(at).all() and (at <= bare.now).all())
+        and bool((weight >= 0).all() and (weight <= 1 + SLACK).all())
+        and bool((floor >= 0).all() and (floor <= 1).all()) and not bool((weight * ~kept).any())
+        and bool((count[:, 0] == 0).all() and (count >= -1).all() and (count < categories).all())
+        and not bool((kept[:, 1:] & (count[:, 1:] == 0)).any())
     )  # fmt: skip
+    if not right:
+        raise ValueError(f"model {i} is none")
+    row, slot = np.nonzero(kept[:, 1:])
+    psi, pair = weight[row, slot + 1], (row << BITS) | count[row, slot + 1]
+    order = np.argsort(pair)
+    if (np.diff(pair[order]) == 0).any():
+        raise ValueError(f"model {i} has a count twice")
+    free = categories - kept.sum(axis=1)
+    rest = weight[:, 1:].sum(axis=1) + free * floor
+    if not np.allclose(rest + weight[:, 0], 1.0, rtol=0.0, atol=SLACK):
+        raise ValueError(f"the probabilities of model {i} do not add up to 1")
+    with np.errstate(divide="ignore"):
+        base, level = np.log(floor) + at, np.log(psi) + at[row]
+    model = replace(bare, base=base, rest=np.exp(at - bare.now) * rest, pairs=Pairs(pair[order], level[order]))
+    return _summed(model, categories, i)
+
+
+def _bare(told: dict[str, Any], key: NDArray[Any], i: int) -> Background:
+    """A model with what the header tells, and with rows that know nothing."""
+    now, (east, north), scans, zero = (
+        float(told["now"]),
+        map(float, told["corner_m"]),
+        int(told["scans"]),
+        np.zeros(len(key)),
+    )
+    right = math.isfinite(now) and now >= 0 and math.isfinite(east + north) and scans >= 0
+    if not right or not bool((np.diff(key) > 0).all() and (key >= 0).all()):
+        raise ValueError(f"model {i} is none")
+    converged = bool(told["converged"])
+    return Background(
+        key.astype(np.int64), zero, zero, zero, zero, zero, zero, zero.astype(np.int16), zero,
+        now=now, scans=scans, converged=converged, settled=converged, corner_m=(east, north),
+    )  # fmt: skip
+
+
+def _summed(model: Background, categories: int, i: int) -> Background:
+    """The model, if the probabilities of its rows add up."""
+    time, n = model.now - model.late, len(model)
+    free = categories - 1 - np.bincount(model.pairs.row, minlength=n)
+    likely = np.minimum(model.pairs.level - time[model.pairs.row], 1.0)  # no overflow of what is wrong anyway
+    total = np.bincount(model.pairs.row, np.exp(likely), n) + free * np.exp(np.minimum(model.base - time, 1.0))
+    if not np.allclose(total, model.rest, rtol=0.0, atol=SLACK):
+        raise ValueError(f"the probabilities of model {i} do not add up to 1")
+    return model
 
 
 def _shift(told: Any, origin: Origin | None, name: str) -> tuple[float, float]:

@@ -13,6 +13,7 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,8 @@ def main(scans: int, n_land: int) -> int:
 
 def peak(model: Background, key: IntArray, count: IntArray) -> int:
     """Octets of the model, and what an update takes besides."""
-    held = sum(getattr(model, name).nbytes for name in ("key", "at", "floor", "count", "weight", "hold", "drift"))
+    arrays = [getattr(part, f.name) for part in (model, model.pairs) for f in fields(part)]
+    held = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
     tracemalloc.start()
     take_counts(model, key, count, np.ones(len(model), bool), RULES, rate=RULES.learning_rate)
     most = tracemalloc.get_traced_memory()[1]

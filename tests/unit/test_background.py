@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from maritrack import geo
-from maritrack.detect.background import Background, learn, mask_of, no_background, psi_of, take_counts
+from maritrack.detect.background import Background, judged, learn, mask_of, no_background, psi_of, take_counts
 from maritrack.settings import SubtractConfig
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 
@@ -70,17 +70,64 @@ def test_active_pixels_are_the_dense_model(data: st.DataObject) -> None:
     margin = dense_background(psi, rules)
     sure = np.abs(margin) > 1e-9
     assert (np.isin(REGION, mask_of(model, rules).key) == (margin > 0))[sure & ever].all()
+    anew = judged(model, rules)
+    for name in ("drift", "high", "low"):
+        assert_allclose(getattr(model, name), getattr(anew, name), rtol=1e-9, atol=1e-13)
+
+
+def test_a_scan_leaves_the_model_before_it_as_it_was() -> None:
+    rng, model = np.random.default_rng(0), no_background()
+    for _ in range(12):
+        counts, seen = rng.poisson(0.3, len(REGION)), rng.random(len(REGION)) < 0.9
+        before = model
+        held = {name: array.copy() for name, array in arrays_of(before).items()}
+        model = feed(model, counts, PAPER, seen=seen)
+        assert all(np.array_equal(array, held[name]) for name, array in arrays_of(before).items())
+
+
+def arrays_of(model: Background) -> dict[str, Any]:
+    """All arrays that a model holds, by name."""
+    named = {f.name: getattr(part, f.name) for part in (model, model.pairs) for f in fields(part)}
+    return {name: value for name, value in named.items() if isinstance(value, np.ndarray)}
+
+
+@pytest.mark.parametrize("decision", ["map", "tail"])
+def test_counts_that_are_long_gone_take_no_room_and_are_not_missed(decision: Any) -> None:
+    rng, rules, model = np.random.default_rng(3), replace(PAPER, decision=decision, threshold=40), no_background()
+    psi = np.full((len(REGION), rules.categories), 1 / rules.categories)
+    for k in range(1200):
+        counts = (rng.random(len(REGION)) < 0.5) * (1 + k // 10 + rng.integers(0, 3, len(REGION)))
+        psi = 0.9 * psi + 0.1 * np.eye(rules.categories)[counts]
+        model = feed(model, counts, rules)
+    assert len(model.pairs) < 70 * len(
+        REGION
+    )  # of 120 in each pixel: those of the last 55 e-folds, 522 scans, and less
+    assert_allclose(psi_of(model, REGION, rules), psi, rtol=1e-9, atol=1e-16)
+    assert np.array_equal(mask_of(model, rules).key, REGION[dense_background(psi, rules) > 0])
+
+
+def test_what_was_empty_for_very_long_is_zero_and_no_number_too_small_to_reckon_with() -> None:
+    rules, model = replace(PAPER, learning_rate=0.5), no_background()
+    for k in range(1500):
+        model = feed(model, np.where(np.arange(SIDE**2) == 7, k < 3, k == 0).astype(int), rules)
+        values = np.concatenate([model.rest, model.drift, model.high, model.low])
+        assert not ((values > 0) & (values < 1e-300)).any()
+    assert (values == 0).all() and len(model) == len(REGION)
+    full = feed(model, np.full(SIDE**2, 9), rules)
+    assert psi_of(full, REGION[:1], rules)[0, [0, 9]] == pytest.approx(0.5, rel=1e-12)
 
 
 @pytest.mark.eq("abs-7", "abs-8", "abs-9")
-def test_a_constant_count_follows_the_closed_form() -> None:
+@pytest.mark.parametrize("looks", [1, 3])
+def test_a_constant_count_follows_the_closed_form_also_if_it_is_not_looked_at_each_scan(looks: int) -> None:
     a, v, c = PAPER.learning_rate, PAPER.categories, 9
     model = no_background()
-    for n in range(30):
-        model = feed(model, np.full(len(REGION), c), PAPER)
+    for n in range(150):
+        for k in range(looks):
+            model = feed(model, np.full(len(REGION), c), PAPER, seen=k == 0)
+            d = (1 - a) * a**n * math.sqrt((1 - 1 / v) ** 2 + (v - 1) / v**2)
+            assert model.change[-1] == pytest.approx(d if k == 0 else 0.0, rel=1e-12, abs=0.0)
         assert psi_of(model, REGION[:1], PAPER)[0, c] == pytest.approx(1 - (1 - 1 / v) * a ** (n + 1), rel=1e-12)
-        d = (1 - a) * a**n * math.sqrt((1 - 1 / v) ** 2 + (v - 1) / v**2)
-        assert model.change[-1] == pytest.approx(d, rel=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "scans"), [(0.9, 7), (0.97, 23)])
@@ -195,12 +242,16 @@ def test_a_half_life_in_scans_is_one_of_the_learning_rate() -> None:
 def test_memory_is_bounded_and_what_is_nearest_to_empty_goes_first() -> None:
     rules = replace(PAPER, threshold=0, max_pixels=40)
     land = np.array([[500.0 + 50 * i, 0.0] for i in range(20)])
-    rng, model = np.random.default_rng(0), no_background()
+    rng, model, whole = np.random.default_rng(0), no_background(), no_background()
     for _ in range(60):
-        sea = rng.uniform(-8000, 8000, (5, 2))
-        model = learn(model, scan_at(), points_at(np.concatenate([land, sea])), rules)
+        points = points_at(np.concatenate([land, land[rng.random(20) < 0.5], rng.uniform(-8000, 8000, (5, 2))]))
+        model = learn(model, scan_at(), points, rules)
+        whole = learn(whole, scan_at(), points, replace(rules, max_pixels=1000))
         assert len(model) <= 40
     assert geo.in_mask(mask_of(model, rules), land).all()
+    key = np.unique(geo.pixel_key(land, rules.pixel_m))
+    assert np.array_equal(psi_of(model, key, rules), psi_of(whole, key, rules))
+    assert len(whole) > 200 and len(model.pairs) < 100
 
 
 def test_pixels_are_named_by_their_place_wherever_that_is() -> None:

@@ -6,10 +6,11 @@ import io
 import json
 import zipfile
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from maritrack import geo
 from maritrack.detect import snapshot
@@ -23,13 +24,13 @@ RULES = SubtractConfig(method="abs", threshold=0, pixel_m=100.0)
 PLACE = Origin(50.75, -1.25)
 
 
-def model(seed: int = 0, scans: int = 30) -> Background:
+def model(seed: int = 0, scans: int = 30, start: Literal["uniform", "empty"] = "uniform") -> Background:
     rng, learned = np.random.default_rng(seed), no_background()
     pixels = np.unique(geo.pixel_key(rng.uniform(-5000, 5000, (200, 2)), 100.0))
     for _ in range(scans):
         counts = rng.poisson(rng.choice([0.1, 3.0], len(pixels)))
         hit, seen = counts > 0, np.ones(len(learned), bool)
-        learned = take_counts(learned, pixels[hit], counts[hit], seen, RULES, rate=0.9)
+        learned = take_counts(learned, pixels[hit], counts[hit], seen, replace(RULES, start=start), rate=0.9)
     return learned
 
 
@@ -94,28 +95,81 @@ def with_header(**values: Any) -> Any:
     return apply
 
 
+def in_slots(m: Background) -> bytes:
+    """The model as a snapshot of the format before: a row is as of its last point, here as of when psi_0 was 0."""
+    psi = psi_of(m, m.key, RULES)
+    left = psi[:, 1:].sum(axis=1)
+    psi = np.where(np.arange(psi.shape[1]) > 0, psi / left[:, None], 0.0)
+    floor = psi[:, 1:].min(axis=1)
+    had = psi > floor[:, None] * (1 + 1e-9)
+    count = np.argsort(~had[:, 1:], axis=1, kind="stable")[:, : had.sum(axis=1).max()] + 1
+    kept, none = np.take_along_axis(had, count, axis=1), np.zeros((len(m), 1))
+    count, weight = np.where(kept, count, -1), np.where(kept, np.take_along_axis(psi, count, axis=1), 0.0)
+    arrays = {
+        "key": m.key, "at": m.now + np.log(left), "floor": floor,
+        "count": np.hstack([none, count]).astype(np.int16), "weight": np.hstack([none, weight]),
+    }  # fmt: skip
+    header = {
+        "format": "maritrack-background/1", "pixel_m": RULES.pixel_m, "categories": RULES.categories, "origin": None,
+        "models": [{"sensor": "a", "corner_m": [0, 0], "now": m.now, "scans": m.scans, "converged": m.converged}],
+    }  # fmt: skip
+    text = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    out = io.BytesIO()
+    np.savez(out, **{"header": text}, **{f"0.{name}": array for name, array in arrays.items()})
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("start", ["uniform", "empty"])
+def test_the_format_before_is_read(start: Any) -> None:
+    m = model(start=start)
+    back = read_snapshot(in_slots(m), RULES, None, name="x")["a"]
+    assert_allclose(psi_of(back, m.key, RULES), psi_of(m, m.key, RULES), rtol=1e-12, atol=1e-15)
+    assert np.array_equal(mask_of(back, RULES).key, mask_of(m, RULES).key)
+    seen = np.ones(len(m), bool)
+    after, learned = (take_counts(x, m.key[:3], np.array([1, 2, 300]), seen, RULES, rate=0.9) for x in (back, m))
+    assert_allclose(psi_of(after, m.key, RULES), psi_of(learned, m.key, RULES), rtol=1e-12, atol=1e-15)
+    assert_allclose(after.change[-1], learned.change[-1], rtol=1e-9)
+
+
 GOOD = snapshot_octets({"a": model()}, RULES, None)
+OLD = in_slots(model())
 
 
 @pytest.mark.parametrize(
     "data",
     [
         b"", b"PK", GOOD[:-40], GOOD[:200], b"\x93NUMPY\x01\x00", b"[1, 2]",
-        rewritten(GOOD, lambda n, o: None if n == "0.weight.npy" else o),
+        rewritten(GOOD, lambda n, o: None if n == "0.level.npy" else o),
         rewritten(GOOD, lambda n, o: None if n == "header.npy" else o),
-        rewritten(GOOD, lambda n, o: o[:-8] if n == "0.at.npy" else o),
+        rewritten(GOOD, lambda n, o: o[:-8] if n == "0.late.npy" else o),
         rewritten(GOOD, lambda n, o: b"" if n == "0.key.npy" else o),
         rewritten(GOOD, with_array("key", lambda a: a[::-1].copy())),
         rewritten(GOOD, with_array("key", lambda a: a.astype(object))),
         rewritten(GOOD, with_array("key", lambda a: a.astype(np.float64))),
-        rewritten(GOOD, with_array("weight", lambda a: a * np.nan)),
-        rewritten(GOOD, with_array("weight", lambda a: 2 * a)),
-        rewritten(GOOD, with_array("weight", lambda a: -a)),
-        rewritten(GOOD, with_array("weight", lambda a: a[:, :1])),
-        rewritten(GOOD, with_array("count", lambda a: a + 300)),
-        rewritten(GOOD, with_array("count", lambda a: 0 * a)),
-        rewritten(GOOD, with_array("floor", lambda a: a - 1.0)),
-        rewritten(GOOD, with_array("at", lambda a: a + 1e9)),
+        rewritten(GOOD, with_array("late", lambda a: a + 1e9)), rewritten(GOOD, with_array("late", lambda a: a - 1.0)),
+        rewritten(GOOD, with_array("base", lambda a: a + np.nan)),
+        rewritten(GOOD, with_array("base", lambda a: a + np.inf)),
+        rewritten(GOOD, with_array("base", lambda a: a[1:])),
+        rewritten(GOOD, with_array("rest", lambda a: -a)), rewritten(GOOD, with_array("rest", lambda a: a * np.nan)),
+        rewritten(GOOD, with_array("rest", lambda a: 0.9 * a)),
+        rewritten(GOOD, with_array("level", lambda a: a * np.nan)),
+        rewritten(GOOD, with_array("level", lambda a: a + 0.1)), rewritten(GOOD, with_array("level", lambda a: a[1:])),
+        rewritten(GOOD, with_array("name", lambda a: a[::-1].copy())),
+        rewritten(GOOD, with_array("name", lambda a: a + (1 << 40))),
+        rewritten(GOOD, with_array("name", lambda a: a - (1 << 40))),
+        rewritten(GOOD, with_array("name", lambda a: a & ~np.int64(1))),
+        rewritten(GOOD, with_array("name", lambda a: np.where(np.arange(len(a)) == 1, a[0] | 32767, a))),
+        rewritten(OLD, lambda n, o: None if n == "0.weight.npy" else o),
+        rewritten(OLD, lambda n, o: o[:-8] if n == "0.at.npy" else o),
+        rewritten(OLD, with_array("key", lambda a: a[::-1].copy())),
+        rewritten(OLD, with_array("weight", lambda a: a * np.nan)),
+        rewritten(OLD, with_array("weight", lambda a: 2 * a)),
+        rewritten(OLD, with_array("weight", lambda a: -a)),
+        rewritten(OLD, with_array("weight", lambda a: a[:, :1])),
+        rewritten(OLD, with_array("count", lambda a: a + 300)),
+        rewritten(OLD, with_array("count", lambda a: 0 * a)),
+        rewritten(OLD, with_array("floor", lambda a: a - 1.0)),
+        rewritten(OLD, with_array("at", lambda a: a + 1e9)),
         rewritten(GOOD, with_header(format="maritrack-background/9")),
         rewritten(GOOD, with_header(pixel_m="wide")), rewritten(GOOD, with_header(pixel_m=float("nan"))),
         rewritten(GOOD, with_header(models=[{}])), rewritten(GOOD, with_header(models={"a": 1})),
