@@ -2,8 +2,9 @@
 
 `python -m tests.bench.bench_background [--scans N] [--land N]` feeds both models the same harbour: quays that come
 in every scan, cranes and moored boats that flicker, sea clutter anywhere; some 20,000 points in 3,000 pixels a scan.
-It prints CPU per scan, update and mask, and memory of either, checks that they agree, and exits with 1 where the
-sparse model is less than 50 times faster or takes 100 MB. `--land N` pixels of land change the load.
+It prints CPU per scan and memory of either, checks that they agree, and exits with 1 where the sparse model with its
+mask is less than 50 times faster than the dense update without one, or takes 100 MB. `--land N` pixels of land change
+the load.
 """
 
 from __future__ import annotations
@@ -79,11 +80,12 @@ def main(scans: int, n_land: int) -> int:
         sparse_s.append(time.process_time() - at)
     error = np.abs(psi_of(model, keys(fed[0][0]), RULES) - psi[fed[0][0]]).max()
     peak_mb = peak(model, fed[-1][1], fed[-1][2]) / 1e6
-    ratio = float(np.median(mask_s) / np.median(sparse_s))
+    ratio, masked = (float(np.median(dense) / np.median(sparse_s)) for dense in (dense_s, mask_s))
     print(f"dense, float32: {1e3 * np.median(dense_s):.0f} ms a scan, {1e3 * np.median(mask_s):.0f} ms with its mask, "
           f"{psi.nbytes / 1e6:.0f} MB")  # fmt: skip
     print(f"sparse, exact: {1e3 * np.median(sparse_s):.2f} ms a scan with its mask, {peak_mb:.0f} MB at the peak of an "
-          f"update, {len(model)} pixels; {ratio:.0f} times faster; largest difference {error:.1e}")  # fmt: skip
+          f"update, {len(model)} pixels; largest difference {error:.1e}")  # fmt: skip
+    print(f"{ratio:.0f} times faster than the dense update alone, {masked:.0f} times than it with its mask")
     return 0 if ratio >= 50 and peak_mb < 100 and error < 1e-5 else 1
 
 
