@@ -98,11 +98,12 @@ def learn(
 def under(tracks: Tracks, position_m: FloatArray, t_ns: int, margin_m: float) -> BoolArray:
     """Which positions (n, 2) lie under one of the tracks, moved on to a time: in its ellipse or so near to it."""
     result = np.zeros(len(position_m), bool)
+    east_m, north_m = np.ascontiguousarray(position_m.T)
     at = tracks.position_m + tracks.velocity_mps * ((t_ns - tracks.t_ns) * 1e-9)[:, None]
     shape = np.linalg.inv(tracks.extent_m2 + margin_m**2 * np.eye(2))
-    for centre, S in zip(at, shape, strict=True):
-        off = position_m - centre
-        result |= np.einsum("ni,ij,nj->n", off, S, off) <= 1.0
+    for (east, north), ((ee, en), (_, nn)) in zip(at.tolist(), shape.tolist(), strict=True):
+        x, y = east_m - east, north_m - north
+        result |= (ee * x + 2.0 * en * y) * x + nn * y * y <= 1.0
     return result
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 
 from maritrack.chain import ChainState, build_chain, process
 from maritrack.config import load_config
+from maritrack.detect.background import under
 from maritrack.settings import Config
 from maritrack.types import STATIONARY, FloatArray, Frame, Result
+from tests.runs import tracks
 from tests.unit.scans import scan_of
 
 ABS = ("subtract.method=abs", "subtract.threshold=0", "subtract.start=empty", "subtract.decision=tail",
@@ -115,3 +118,16 @@ def test_each_sensor_has_its_mask_or_all_have_one() -> None:
                 assert result.mask is not None
         assert set(state.background) == names
         assert len(result.mask.key) == 0  # b sees nothing there, and its look counts where there is one mask
+
+
+def test_under_a_track_is_in_its_ellipse_grown_by_the_margin_where_it_is_by_then() -> None:
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(20, 2, 2)) * 60.0
+    held = replace(tracks(0, rng, 20), extent_m2=A @ A.transpose(0, 2, 1))
+    position_m = held.position_m[rng.integers(0, 20, 500)] + rng.normal(size=(500, 2)) * 100.0
+    expected = np.zeros(500, bool)
+    for centre, v, t_ns, X in zip(held.position_m, held.velocity_mps, held.t_ns, held.extent_m2, strict=True):
+        off = position_m - centre - (7.0 - t_ns * 1e-9) * v
+        expected |= np.sum(off * np.linalg.solve(X + 50.0**2 * np.eye(2), off.T).T, axis=1) <= 1.0
+    assert 20 < expected.sum() < 480
+    assert np.array_equal(under(held, position_m, 7_000_000_000, 50.0), expected)
