@@ -66,7 +66,7 @@ ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
     "rich": ("cli/",),
     "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py", "maritrack/sinks/curves.py"),
-    "mcap": ("maritrack/io/archive.py", "maritrack/io/containers/mcap_datagrams.py", "maritrack/sinks/mcap.py"),
+    "mcap": ("maritrack/io/archive.py", "maritrack/io/containers/mcap_writer.py", "maritrack/sinks/mcap.py"),
     "sklearn": ("maritrack/cluster/", "maritrack/metrics/clusters.py"),
     "maritrack_cli": (),
     "pickle": (),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from maritrack.io.cat240 import scan
 from maritrack.io.containers.final import FinalWriter
-from maritrack.io.containers.mcap_datagrams import McapWriter
+from maritrack.io.containers.mcap_writer import McapWriter
 from maritrack.io.containers.pcap_writer import PcapWriter
 from maritrack.io.containers.writers import RawWriter
 from tests.fuzz.target import Entry, check, corpus

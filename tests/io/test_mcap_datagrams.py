@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from maritrack.io.containers import mcap_datagrams
-from maritrack.io.containers.mcap_datagrams import McapReader, McapWriter
+from maritrack.io.containers import mcap_datagrams, mcap_writer
+from maritrack.io.containers.mcap_datagrams import McapReader
+from maritrack.io.containers.mcap_writer import McapWriter
 from maritrack.io.datagrams import NO_TIME, Stream
 from tests.io.grams import START_NS, STREAMS, Gram, Read, cuts, grown_mb, pieces, read, videos, write
 from tests.io.grams import payloads as payload_strategy
@@ -227,6 +228,41 @@ def test_a_hostile_record_is_damage_and_costs_nothing_else(name: str) -> None:
             assert read_mcap(hostile, sizes) == got
 
 
+def untimed(id_: int) -> bytes:
+    table = b"".join(struct.pack("<I", len(text)) + text for text in (b"time", b"none"))
+    return record(4, struct.pack("<HHI", id_, 0, 2) + b"/u" + bytes(4) + struct.pack("<I", len(table)) + table)
+
+
+def foreign(id_: int) -> bytes:
+    return record(4, struct.pack("<HHI", id_, 1, 2) + b"/f" + bytes(8))
+
+
+PARTS = st.one_of(
+    st.tuples(st.integers(1, 6), st.binary(max_size=40), st.integers(1, 30)).map(lambda a: message(a[0], a[1]) * a[2]),
+    st.integers(1, 6).map(lambda id_: channel(id_, b"/%d" % id_)), st.integers(1, 6).map(untimed),
+    st.integers(1, 6).map(foreign),
+    st.sampled_from([record(7, b"xy"), record(5, b"\1\0"), b"\5\5", message(1, b"", length=99)]),
+)  # fmt: skip
+
+
+@given(st.lists(st.lists(PARTS, max_size=12).map(b"".join), max_size=4), st.integers(2, 50), st.integers(20, 2000))
+@settings(derandomize=True, deadline=None)
+def test_messages_taken_together_are_those_taken_one_by_one(chunks: list[bytes], batch: int, octets: int) -> None:
+    file = MAGIC + b"".join(chunk_record(data, how=(b"zstd", b"")[i % 2]) for i, data in enumerate(chunks))
+    found = []
+    for few in (1, 10**9):
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in (("FEW", few), ("BATCH", batch), ("BATCH_OCTETS", octets)):
+                patch.setattr(mcap_datagrams, name, value)
+            reader = McapReader([file])
+            grams = [
+                (one.end, one.data, *(column.tolist() for column in (one.bounds, one.offset, one.t_ns, one.stream)),
+                 one.damage) for one in reader.datagrams()
+            ]  # fmt: skip
+            found.append((grams, reader.streams))
+    assert found[0] == found[1]
+
+
 def test_without_chunks_a_broken_record_costs_a_few_messages() -> None:
     file, payloads = io.BytesIO(), videos(400)
     writer = Writer(file, use_chunking=False)
@@ -268,7 +304,7 @@ def test_a_large_datagram_and_many_small_ones_come_in_bounded_portions() -> None
 
 
 def test_more_streams_than_channels_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_datagrams, "MAX_CHANNEL", 300)  # as with 65,535, but sooner
+    monkeypatch.setattr(mcap_writer, "MAX_CHANNEL", 300)  # as with 65,535, but sooner
     file = io.BytesIO()
     writer = McapWriter(file)
     fits = [writer.write(b"", t_ns=0, stream=Stream(str(i))) for i in range(302)]

@@ -10,22 +10,19 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import BinaryIO
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
+from maritrack.io.containers.mcap_run import Messages, messages_from
 from maritrack.io.containers.mcap_stream import MAX_UNPACKED, RECORD, Record, Unpacker, data_offset, is_packed, records
 from maritrack.io.containers.mcap_walk import CHANNEL, CHUNK, MESSAGE, METADATA, Cursor, metadata
 from maritrack.io.datagrams import NO_TIME, Datagrams, Stream
-from maritrack.types import Damage
+from maritrack.types import Damage, IntArray
 
-FORMAT = "maritrack-datagrams/1"
-META_RECORDING, META_CHANNEL = "maritrack.recording", "maritrack.channel"
-LIBRARY, ENCODING = "maritrack", "x-asterix-cat240"
+META_CHANNEL = "maritrack.channel"
 UNTIMED = {"time": "none"}
-CHUNK_SIZE = 4 << 20
 COST_OF_TEXTS = 8  # records that a description of a channel counts for
+FEW = 8  # messages that follow each other, from which on they are taken together
 SPARSE = 4096  # octets to a record, where a chunk has few
 BATCH, BATCH_OCTETS = 16_384, 4 << 20  # datagrams and octets handed on together
 CHANNEL_HEAD = struct.Struct("<HH")
@@ -95,6 +92,11 @@ class McapReader:
             at, size = 0, len(data)
             self._batch.held += size
             while at < size:
+                run = messages_from(data, at, left)
+                if len(run.first) >= FEW and all(id_ in self._channels for id_ in run.channels()):
+                    yield from self._take_run(data, run, place, record.offset)
+                    at, left = int(run.end[-1]), left - len(run.first)
+                    continue
                 opcode, length = RECORD.unpack_from(data, at) if at + RECORD.size <= size else (MESSAGE, size)
                 first, at, left = at + RECORD.size, at + RECORD.size + length, left - 1
                 if at > size:
@@ -138,6 +140,32 @@ class McapReader:
         if channel.holds_datagrams:
             stream = channel.index if channel.index >= 0 else self._appear(channel)
             self._batch.add(data[first + MESSAGE_HEAD.size : end], offset, t_ns if channel.timed else NO_TIME, stream)
+
+    def _take_run(self, data: memoryview, run: Messages, place: int, offset: int) -> Iterator[Datagrams]:
+        """Take messages of known channels; `place` is the octet of the file for the data, 0 = they were packed."""
+        ids = run.channels()
+        channels = [self._channels[id_] for id_ in ids]
+        for channel in channels:
+            if channel.holds_datagrams and channel.index < 0:
+                self._appear(channel)
+        row = np.empty(MAX_CHANNEL + 1, dtype=np.int64)
+        row[ids] = np.arange(len(ids))
+        row = row[run.head["channel"]]
+        run, row = run.of(kept := np.array([one.holds_datagrams for one in channels])[row]), row[kept]
+        stream = np.array([one.index for one in channels])[row]
+        t_ns = np.where(np.array([one.timed for one in channels])[row], run.head["t_ns"], NO_TIME)
+        where = place + run.first if place else np.full(len(run.first), offset)
+        upto, low = np.cumsum(run.end - run.first), 0
+        while low < len(upto):
+            before = int(upto[low - 1]) if low else 0
+            full = int(np.searchsorted(upto, before + BATCH_OCTETS - self._batch.octets)) + 1
+            high = min(full, low + BATCH - len(self._batch.parts), len(upto))
+            some = slice(low, high)
+            parts = [data[a:b] for a, b in zip(run.first[some].tolist(), run.end[some].tolist(), strict=True)]
+            self._batch.add_all(parts, where[some], t_ns[some], stream[some], int(upto[high - 1]) - before)
+            low = high
+            if self._batch.is_full():
+                yield self._batch.take(offset)
 
     def _describe(self, opcode: int, content: bytes, offset: int) -> None:
         """Take note of what a record tells of a channel."""
@@ -185,6 +213,15 @@ class _Batch:
         self.t_ns.append(t_ns)
         self.stream.append(stream)
         self.octets += len(payload)
+
+    def add_all(
+        self, payloads: list[memoryview], offset: IntArray, t_ns: IntArray, stream: IntArray, octets: int
+    ) -> None:
+        self.parts += payloads
+        self.offset += offset.tolist()
+        self.t_ns += t_ns.tolist()
+        self.stream += stream.tolist()
+        self.octets += octets
 
     def tell(self, damage: Damage) -> None:
         if self.damage and self.damage[-1].code == damage.code:
@@ -241,54 +278,3 @@ def _text(content: bytes, at: int) -> tuple[str, int]:
     if end > len(content):
         raise ValueError("a text ends too late")
     return content[at + 4 : end].decode(), end
-
-
-class McapWriter:
-    """Writes an MCAP file to an open file, from data alone: equal datagrams make equal octets.
-
-    Topics are "/asterix/<destination>", or the source where there is no destination, numbered where they would be the
-    same. `compress` packs the chunks with zstd. What was written before a `flush` is in finished chunks, which can be
-    read without the end of the file. Doesn't fit: more than 65,535 streams.
-    """
-
-    def __init__(self, file: BinaryIO, *, compress: bool = True) -> None:
-        packing = CompressionType.ZSTD if compress else CompressionType.NONE
-        self._writer = Writer(file, chunk_size=CHUNK_SIZE, compression=packing, enable_data_crcs=True)
-        self._writer.start(profile="", library=LIBRARY)
-        self._writer.add_metadata(META_RECORDING, {"format": FORMAT})
-        self._channels: dict[tuple[Stream, bool], int] = {}
-        self._topics: dict[str, int] = {}  # and how many would have been called the same
-        self._counts: dict[int, int] = {}
-        self._last_ns = 0
-
-    def write(self, payload: bytes, *, t_ns: int, stream: Stream) -> bool:
-        timed = t_ns != NO_TIME
-        id_ = self._channels.get((stream, timed)) or self._channel(stream, timed=timed)
-        if id_ > MAX_CHANNEL:
-            return False
-        self._last_ns = t_ns % (1 << 64) if timed else self._last_ns
-        count = self._counts[id_]
-        self._writer.add_message(id_, self._last_ns, payload, self._last_ns, count % (1 << 32))
-        self._counts[id_] = count + 1
-        return True
-
-    def flush(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
-    def finish(self) -> None:
-        """Write the end of the file."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-
-    def _channel(self, stream: Stream, *, timed: bool) -> int:
-        if len(self._channels) == MAX_CHANNEL:
-            return MAX_CHANNEL + 1
-        table = {"source": stream.source, "destination": stream.destination} | ({} if timed else UNTIMED)
-        topic = name = f"/asterix/{stream.destination or stream.source or 'cat240'}"
-        while topic in self._topics:
-            self._topics[name] += 1
-            topic = f"{name}/{self._topics[name]}"
-        self._topics[topic] = 1
-        id_ = self._writer.register_channel(topic, ENCODING, 0, table)
-        self._writer.add_metadata(META_CHANNEL, {"id": str(id_), "topic": topic} | table)
-        self._channels[stream, timed], self._counts[id_] = id_, 0
-        return id_

@@ -142,7 +142,7 @@ def open_writer(path: Path, *, kind: str = "") -> DatagramWriter:
 
 
 def _mcap(file: BinaryIO) -> Encoder:
-    from maritrack.io.containers.mcap_datagrams import McapWriter
+    from maritrack.io.containers.mcap_writer import McapWriter
 
     return McapWriter(file)
 
