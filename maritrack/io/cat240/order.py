@@ -11,7 +11,6 @@ from maritrack.io.cat240.exact import TOD_PER_DAY
 from maritrack.types import BoolArray, IntArray
 
 REMEMBERED = 8  # records of a sensor among which a duplicate is looked for
-WORTHWHILE = 16  # records of a sensor for which arrays pay; fewer are gone through one by one
 
 
 @dataclass(slots=True)
@@ -30,43 +29,60 @@ def screen(
     `sensor` (n,), `keys` (n, 4) with the MSG_INDEX first (-1 = absent), `tod` (n,) in 1/128 s (-1 = absent). A step
     back of more than half a day is midnight. `memories` is brought up to date.
     """
-    duplicate, backwards = np.zeros(len(sensor), dtype=np.bool_), np.zeros(len(sensor), dtype=np.bool_)
-    sensors = _distinct(sensor) if len(sensor) >= WORTHWHILE else sensor[:0]
-    worthwhile = 0 < WORTHWHILE * len(sensors) <= len(sensor)
-    todo = np.zeros(len(sensor), dtype=np.bool_) if worthwhile else ~duplicate
-    for one in sensors.tolist() if worthwhile else []:
-        group = np.flatnonzero(sensor == one)
-        memory = memories.setdefault(one, Memory())
-        if _is_orderly(memory, keys[group, 0], tod[group]):
-            _remember(memory, keys[group[-REMEMBERED:]], tod[group])
-        else:
-            todo[group] = True
-    for i in np.flatnonzero(todo).tolist():
-        memory = memories.setdefault(int(sensor[i]), Memory())
-        idx, start_az, end_az, start_rg = keys[i].tolist()
-        duplicate[i] = idx >= 0 and (idx, start_az, end_az, start_rg) in memory.recent
-        memory.recent.append((idx, start_az, end_az, start_rg))
-        if tod[i] >= 0 and not duplicate[i]:
-            backwards[i] = 0 < memory.tod - tod[i] <= TOD_PER_DAY // 2
-            memory.tod = int(tod[i])
-    return duplicate, backwards
+    n = len(sensor)
+    if n == 0:
+        return np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
+    present = [(one, memories.setdefault(one, Memory())) for one in _distinct(sensor).tolist()]
+    before = [memory for _, memory in present if memory.recent]
+    sizes = np.array([len(memory.recent) for memory in before], dtype=np.int64)
+    old = int(sizes.sum())
+    keys = np.concatenate([np.array([key for memory in before for key in memory.recent]).reshape(-1, 4), keys])
+    tod = np.concatenate([np.full(old, -1), tod])
+    tod[np.cumsum(sizes) - 1] = [memory.tod for memory in before]
+    numbers = np.array([one for one, memory in present if memory.recent], dtype=np.int64)
+    sensor = np.concatenate([np.repeat(numbers, sizes), sensor])
+    order = np.argsort(sensor, kind="stable") if len(present) > 1 else np.arange(len(sensor))
+    sensor, keys, tod, new = sensor[order], keys[order], tod[order], order >= old
+    duplicate = _repeated(sensor, keys) & new
+    backwards = _set_back(sensor, tod, duplicate) & new
+    _remember(present, sensor, keys, tod, duplicate)
+    back = np.empty(len(order), dtype=np.int64)
+    back[order] = np.arange(len(order))
+    return duplicate[back[old:]], backwards[back[old:]]
 
 
 def _distinct(sensor: IntArray) -> IntArray:
     return sensor[:1] if (sensor == sensor[0]).all() else np.unique(sensor)
 
 
-def _is_orderly(memory: Memory, idx: IntArray, tod: IntArray) -> bool:
-    """Whether indices only rise and times never fall, so that there is nothing to find."""
-    before = np.array([key[0] for key in memory.recent], dtype=np.int64)
-    times = tod[tod >= 0]
-    if len(times) and times[0] < memory.tod:
-        return False
-    return bool((np.diff(np.concatenate([before, idx])) > 0).all() and (np.diff(times) >= 0).all())
+def _repeated(sensor: IntArray, keys: IntArray) -> BoolArray:
+    """Which records (n,), in order by sensor, repeat one of the REMEMBERED before them."""
+    found, idx = np.zeros(len(sensor), dtype=np.bool_), np.ascontiguousarray(keys[:, 0])
+    for lag in range(1, REMEMBERED + 1):
+        alike = lag + np.flatnonzero((idx[lag:] == idx[:-lag]) & (idx[lag:] >= 0))
+        alike = alike[(sensor[alike] == sensor[alike - lag]) & (keys[alike] == keys[alike - lag]).all(axis=1)]
+        found[alike] = True
+    return found
 
 
-def _remember(memory: Memory, keys: IntArray, tod: IntArray) -> None:
-    memory.recent.extend((idx, start_az, end_az, start_rg) for idx, start_az, end_az, start_rg in keys.tolist())
-    times = tod[tod >= 0]
-    if len(times):
-        memory.tod = int(times[-1])
+def _set_back(sensor: IntArray, tod: IntArray, duplicate: BoolArray) -> BoolArray:
+    """At which records (n,), in order by sensor, the time is before the last one known."""
+    found, known = np.zeros(len(sensor), dtype=np.bool_), np.flatnonzero((tod >= 0) & ~duplicate)
+    step = tod[known[:-1]] - tod[known[1:]]
+    found[known[1:]] = (step > 0) & (step <= TOD_PER_DAY // 2) & (sensor[known[:-1]] == sensor[known[1:]])
+    return found
+
+
+def _remember(
+    present: list[tuple[int, Memory]], sensor: IntArray, keys: IntArray, tod: IntArray, duplicate: BoolArray
+) -> None:
+    """Keep the last records of each sensor and its last known time; records are in order by sensor."""
+    ends = np.searchsorted(sensor, [one for one, _ in present], side="right").tolist()
+    known = np.flatnonzero((tod >= 0) & ~duplicate)
+    last = np.searchsorted(known, ends) - 1
+    for (one, memory), end, i in zip(present, ends, last.tolist(), strict=True):
+        begin = max(end - REMEMBERED, 0)
+        some = keys[begin:end][sensor[begin:end] == one]
+        memory.recent = deque(map(tuple, some.tolist()), maxlen=REMEMBERED)
+        if i >= 0 and sensor[known[i]] == one:
+            memory.tod = int(tod[known[i]])
