@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+import select
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import BinaryIO
 
 from maritrack.errors import InputError
-from maritrack.io.source import Octets
+from maritrack.io.source import Come, Octets
 
 CHUNK = 8 * 1024 * 1024
 HEAD = 64 * 1024
+PIPE = 1 << 20
 
 
 def octets_from_file(path: Path, channel: str) -> Octets:
@@ -29,29 +32,56 @@ def octets_from_file(path: Path, channel: str) -> Octets:
             with path.open("rb") as file:
                 head = file.read(HEAD)
             return Octets(str(path), channel, FileChunks(path), head, status.st_size)
-        stream = path.open("rb")
-        head = stream.read(HEAD)
+        stream = path.open("rb", buffering=0)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: {_reason(error)}") from None
-    return Octets(str(path), channel, _rest(head, stream, path), head, -1)
+    return _octets_from_pipe(stream.fileno(), str(path), channel, stream)
 
 
 def octets_from_stdin() -> Octets:
     """Standard input, which can be read once: what has come is given on at once."""
+    return _octets_from_pipe(0, "standard input", "")
+
+
+def _octets_from_pipe(file: int, name: str, channel: str, owner: BinaryIO | None = None) -> Octets:
+    """The octets of a file descriptor; its owner is closed at the end."""
     head = b""
     try:
-        while len(head) < HEAD and (piece := os.read(0, CHUNK)):
+        while len(head) < HEAD and (piece := os.read(file, CHUNK)):
             head += piece
     except OSError as error:
-        raise InputError(f"standard input: {_reason(error)}") from None
-    return Octets("standard input", "", _stdin(head), head[:HEAD], -1)
+        raise InputError(f"{name}: {_reason(error)}") from None
+    return Octets(name, channel, _as_it_comes(file, head, name, owner), head[:HEAD], -1)
 
 
-def _stdin(head: bytes) -> Iterator[bytes]:
+def _as_it_comes(file: int, head: bytes, name: str, owner: BinaryIO | None) -> Iterator[bytes]:
+    _widen(file)
     piece = head
-    while piece:
-        yield piece
-        piece = os.read(0, CHUNK)
+    try:
+        with owner or nullcontext():
+            while piece:
+                yield piece if _has_more(file) else Come(piece)
+                piece = os.read(file, CHUNK)
+    except OSError as error:
+        raise InputError(f"{name}: {_reason(error)}") from None
+
+
+def _has_more(file: int) -> bool:
+    """Whether there is something to read at once, the end included."""
+    try:
+        return bool(select.select([file], [], [], 0)[0])
+    except (OSError, ValueError):  # not told on this system
+        return False
+
+
+def _widen(file: int) -> None:
+    """Let a pipe hold more, so that a quick writer is read in larger pieces."""
+    try:
+        import fcntl
+
+        fcntl.fcntl(file, fcntl.F_SETPIPE_SZ, PIPE)
+    except (ImportError, AttributeError, OSError):  # no pipe, or not on this system
+        pass
 
 
 def octets_from_bytes(data: bytes, *, name: str, channel: str) -> Octets:
@@ -81,17 +111,6 @@ class FileChunks:
 def _pieces(file: BinaryIO) -> Iterator[bytes]:
     while piece := file.read(CHUNK):
         yield piece
-
-
-def _rest(head: bytes, stream: BinaryIO, path: Path) -> Iterable[bytes]:
-    """A pipe from its beginning."""
-    try:
-        with stream:
-            if head:
-                yield head
-            yield from _pieces(stream)
-    except OSError as error:
-        raise InputError(f"{path}: {_reason(error)}") from None
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -21,6 +21,10 @@ class Source(Protocol):
     def frames(self) -> Iterator[Frame]: ...
 
 
+class Come(bytes):
+    """A piece of a pipe, after which nothing more has come yet: it is worth a look before there is more."""
+
+
 @dataclass(frozen=True, slots=True)
 class Octets:
     """The octets of one input, from a file or from an archive, and the name that messages call it."""

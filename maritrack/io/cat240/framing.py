@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maritrack.io.source import Come
 from maritrack.types import IntArray
 
 CAT240 = 0xF0
@@ -56,7 +57,7 @@ def window(base: int, data: bytes, *, final: bool) -> Window:
 
 
 def pieces(chunks: Iterable[bytes | memoryview]) -> Iterator[memoryview]:
-    """The input in pieces of 2 to 4 MiB (the last may be smaller), however it was cut.
+    """The input in pieces of 2 to 4 MiB, however it was cut; smaller ones at its end, and where no more has Come yet.
 
     A piece is valid until the next one is asked for.
     """
@@ -69,7 +70,7 @@ def pieces(chunks: Iterable[bytes | memoryview]) -> Iterator[memoryview]:
                 yield part
                 continue
             held += part
-            if len(held) >= PIECE_LEAST:
+            if len(held) >= PIECE_LEAST or isinstance(chunk, Come):
                 yield memoryview(held)
                 held = bytearray()
     if held:
