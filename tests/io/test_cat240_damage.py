@@ -376,3 +376,15 @@ def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Any) -> None:
 
 def test_the_items_of_the_blocks_here_are_what_they_say() -> None:
     assert sorted(video_items()) == ["000", "010", "020", "041", "048", "049", "050", "140"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_octets_that_are_nothing_cost_no_block_that_is_whole(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    video_of = rng.integers(0, 256, (400, 300), dtype=np.uint8)
+    video_of[rng.random(video_of.shape) < 0.2] = 0xF0  # as saturated video has them
+    parts = []
+    for i, cells in enumerate(video_of):
+        parts.append(block(packed_video(i, cells.tobytes())) if i % 2 else block(video(i, cells=cells.tobytes())))
+        parts.append(rng.bytes(int(rng.integers(1, 60))) if i % 10 == 5 else b"")
+    assert indices(read(b"".join(parts))) == list(range(400))

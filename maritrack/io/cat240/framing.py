@@ -137,8 +137,15 @@ def other_blocks(w: Window, at: int) -> list[int]:
     """Ends of the blocks of other categories that follow each other from `at`; none where that isn't believable.
 
     Any octets look like CAT and LEN. Believed is a chain of known categories that comes to a CAT240 header or to
-    the end of the input, or holds for HOPS blocks; and one block of any category right before such a place.
+    the end of the input, or holds for HOPS blocks; and one block of any category right before such a place, where
+    a CAT240 block has to look like one. What holds CAT240 blocks that follow each other is none of these.
     """
+    ends = _foreign(w, at)
+    return [] if ends and _holds_blocks(w, at + 1, ends[-1]) else ends
+
+
+def _foreign(w: Window, at: int) -> list[int]:
+    """The same, whatever stands in them."""
     data, size = w.data, len(w.data)
     ends: list[int] = []
     known = True
@@ -152,7 +159,8 @@ def other_blocks(w: Window, at: int) -> list[int]:
         if at == size if w.final else at >= size:
             return ends
         if data[at] == CAT240:
-            return ends if w.length(at) >= HEADER or at + HEADER > size else []
+            header = w.length(at) >= HEADER or at + HEADER > size
+            return ends if header and (known or looks_like(w, at)) else []
         if not known:
             return []
     return ends[:-1]
@@ -189,12 +197,25 @@ def looks_like(w: Window, at: int) -> bool:
 
 def lookalikes(w: Window, first: int, end: int) -> IntArray:
     """All places in [first, end) that `looks_like` says yes to."""
+    return _alike(w, first + np.flatnonzero(w.u8[first:end] == CAT240))
+
+
+def _alike(w: Window, at: IntArray) -> IntArray:
+    """Those of the places that `looks_like` says yes to."""
     u8 = w.u8
-    at = first + np.flatnonzero(u8[first:end] == CAT240)
     at = at[at + HEADER + 5 <= len(u8)]
+    at = at[u8[at] == CAT240]
     stop = at + (u8[at + 1].astype(np.int64) << 8 | u8[at + 2])
     fspec = u8[at + HEADER]
     kind = u8[at + HEADER + 3 + (fspec & 1)]
     good = (stop >= at + HEADER + 4) & (stop <= len(u8)) & (fspec & 0xC0 == 0xC0) & ((kind == 1) | (kind == 2))
     found: IntArray = at[good]
     return found
+
+
+def _holds_blocks(w: Window, first: int, end: int) -> bool:
+    """Whether in [first, end) a CAT240 block begins that another one follows."""
+    if w.data.find(CAT240, first, end) < 0:
+        return False
+    at = lookalikes(w, first, end)
+    return len(_alike(w, at + (w.u8[at + 1].astype(np.int64) << 8 | w.u8[at + 2]))) > 0
