@@ -41,15 +41,16 @@ class Selection:
         self.counts += [0] * (n - len(self.counts))
         seen = np.bincount(d.stream, minlength=n)
         keep = np.ones(len(d), dtype=np.bool_)
+        order, ends = np.argsort(d.stream, kind="stable"), np.cumsum(seen)
         for stream in np.flatnonzero(seen).tolist():
             self.counts[stream] += int(seen[stream])
+            rows = order[ends[stream] - seen[stream] : ends[stream]]
             if not self._holds[stream]:
-                rows = np.flatnonzero(d.stream == stream)
                 first = self._first(d, rows)
                 keep[rows[:first]] = False
                 self._holds[stream] = first < len(rows)
             if self._wanted and not matches(self._streams[stream], self._wanted):
-                keep[d.stream == stream] = False
+                keep[rows] = False
         return d if keep.all() else subset(d, keep)
 
     @staticmethod

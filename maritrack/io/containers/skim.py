@@ -106,8 +106,11 @@ class Skim:
 
     def _renumber(self, streams: list[Stream]) -> IntArray:
         """The index that each of the reader's streams has here."""
-        self.streams += [stream for stream in streams if stream not in self.streams]
-        return np.array([self.streams.index(stream) for stream in streams], dtype=np.int64)
+        known = {stream: i for i, stream in enumerate(self.streams)}
+        for stream in streams:
+            known.setdefault(stream, len(known))
+        self.streams += list(known)[len(self.streams) :]
+        return np.array([known[stream] for stream in streams], dtype=np.int64)
 
     def _renumbered(self, batch: Batch, streams: list[Stream]) -> Batch:
         radials = batch.radials
