@@ -35,6 +35,8 @@ from . import (
     show,
     simulate,
     smooth,
+    sweep,
+    table,
     tune,
 )
 
@@ -80,6 +82,8 @@ for module in (
     play,
     papers,
     reproduce,
+    sweep,
+    table,
 ):
     module.register(app)
 app.add_typer(config.app, name="config")

@@ -42,6 +42,23 @@ Json = Annotated[bool, display("--json", "One JSON document on standard output."
 Quiet = Annotated[bool, display("--quiet", "-q", "No progress, no notes.")]
 
 
+Truths = Annotated[list[str] | None, given("--truth", "Truth, one for each input; by default what lies beside it.")]
+OwnShips = Annotated[list[str] | None, given("--own-ship", "AIS (CSV) of the ship that carries it, one for each.")]
+AllWorkers = Annotated[int, method("--workers", "-w", "Processes; 0 = one for each core.")]
+Scheduler = Annotated[str, method("--scheduler", "Of a Dask cluster that does the work: tcp://HOST:PORT.")]
+SweepOut = Annotated[Path, typer.Option("--out", "-o", help="Folder.", rich_help_panel=OUTPUT, show_default=False)]
+Retry = Annotated[bool, output("--retry-failed", "Run again what failed before.")]
+
+
+def processes(workers: int) -> int:
+    """So many processes, 0 = one for each core. UsageError where they make no sense."""
+    from maritrack.fanout import cores
+
+    workers = workers or min(cores(), MOST_WORKERS)
+    check_workers(workers)
+    return workers
+
+
 def check_workers(workers: int) -> None:
     """UsageError unless so many processes make sense."""
     from maritrack.errors import UsageError

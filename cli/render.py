@@ -126,6 +126,28 @@ def steps(what: str, *, quiet: bool) -> Iterator[Any]:
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
 
+@contextmanager
+def runs(*, quiet: bool) -> Iterator[Any]:
+    """A progress line of a sweep: `tick(done, failed, of)`. Nothing when quiet or not on a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    begun, first = time.monotonic(), [-1]
+
+    def tick(done: int, failed: int, of: int) -> None:
+        if first[0] < 0:  # some were finished before
+            first[0] = done - 1
+        spent, now = time.monotonic() - begun, done - first[0]
+        rate, left_s = now / max(spent, 1e-9), spent * (of - done) / now
+        text = f"runs {done} of {of}  {failed} failed  {rate:.2g}/s  {left_s:.0f} s left"
+        print("\r\x1b[2K" + text, end="", file=sys.stderr, flush=True)
+
+    try:
+        yield tick
+    finally:
+        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
 def summary(document: Mapping[str, Any]) -> None:
     """A run's summary for people."""
     counts = document["counts"]

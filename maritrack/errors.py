@@ -32,3 +32,12 @@ class NumericalError(MaritrackError):
 
 class ReplayMismatch(MaritrackError):
     """An archive can't be replayed by this version or by this configuration."""
+
+
+FAILURES = (MaritrackError, ArithmeticError, LookupError, ValueError, TypeError, OSError, MemoryError)  # of one run
+
+
+def told(error: BaseException) -> str:
+    """An error in one line; what we did not raise on purpose with its type."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, MaritrackError) else f"{type(error).__name__}: {text}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from maritrack.types import Origin, RunManifest
 LIBRARIES = ("numpy", "scipy", "mcap", "protobuf")  # what the numbers and the octets of an archive rest on
 
 
+@cache
 def code_digest() -> str:
     """SHA-256 over the sources of the package: an edited tree never passes for another."""
     root = Path(__file__).parent
@@ -43,6 +45,18 @@ def versions() -> dict[str, str]:
     return {"maritrack": __version__, "python": platform.python_version(), **found}
 
 
+def id_of_run(
+    code_sha256: str, config_toml: str, input_sha256: Sequence[str], side_sha256: Mapping[str, str], *,
+    smoothed_from: str = "",
+) -> str:  # fmt: skip
+    """The id of a run: a digest of what decides its results, the digests of its inputs and side documents by name."""
+    digest = hashlib.sha256(f"{code_sha256}\n{config_toml}\n{' '.join(input_sha256)}\n".encode())
+    for name in sorted(side_sha256):
+        digest.update(name.encode() + b"\0" + bytes.fromhex(side_sha256[name]))
+    digest.update(smoothed_from.encode())
+    return digest.hexdigest()
+
+
 def make_manifest(
     config: Config,
     *,
@@ -55,12 +69,10 @@ def make_manifest(
 ) -> RunManifest:
     """The manifest of a run. Its id covers code, configuration, inputs, side documents and the run it smooths."""
     toml, code = to_toml(config), code_digest()
-    digest = hashlib.sha256(f"{code}\n{toml}\n{' '.join(input_sha256)}\n".encode())
-    for name in sorted(side):
-        digest.update(name.encode() + b"\0" + hashlib.sha256(side[name]).digest())
-    digest.update(smoothed_from.encode())
+    side_sha256 = {name: hashlib.sha256(octets).hexdigest() for name, octets in side.items()}
+    run_id = id_of_run(code, toml, input_sha256, side_sha256, smoothed_from=smoothed_from)
     return RunManifest(
-        run_id=digest.hexdigest(), tracker=config.tracker_name, preset=config.preset, code_sha256=code,
+        run_id=run_id, tracker=config.tracker_name, preset=config.preset, code_sha256=code,
         config_toml=toml, input_sha256=tuple(input_sha256), input_kind=tuple(input_kind), seed=config.seed,
         versions=versions(), origin=origin, recording=recording, smoothed_from=smoothed_from,
     )  # fmt: skip

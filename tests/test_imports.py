@@ -51,10 +51,12 @@ BELOW = {  # what each part of the package may import besides itself
     "survey": BASE | {"geo", "io"},
     "show": BASE | {"config", "io", "recording", "survey"},
     "papers": BASE | {"config", "trackers"},
-    "fanout": set[str](),
+    "fanout": {"errors"},
     "reproduce": LINE
     | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks", "tune"},
     "tune": LINE | {"chain", "config", "fanout", "io", "job", "recording", "run", "simulate"},
+    "sweep": LINE
+    | {"chain", "config", "fanout", "io", "job", "manifest", "recording", "run", "simulate", "sinks", "tune"},
 }
 READING = {  # the packages of `maritrack.io`, and which of the others each may import
     "cat240": set[str](),
@@ -206,7 +208,8 @@ def test_what_is_imported_is_a_dependency() -> None:
     names = {"rerun-sdk": "rerun", "scikit-learn": "sklearn", "foxglove-schemas-protobuf": "foxglove_schemas_protobuf",
              "protobuf": "google", "pillow": "PIL", "scikit-image": "skimage", "python-deflate": "deflate"}  # fmt: skip
     told = {text.split(">")[0].split("[")[0].strip() for text in project["dependencies"]}
-    told |= {text.split(">")[0] for text in project["optional-dependencies"]["fast"]}
+    extras = project["optional-dependencies"]
+    told |= {text.split(">")[0] for text in extras["fast"] + extras["dask"]}
     known = {names.get(name, name) for name in told} | set(sys.stdlib_module_names) | {"maritrack", "maritrack_cli"}
     foreign = {name.split(".")[0] for path in FILES for name in imported(tree_of(path))} - known
     assert not foreign, f"imported but no dependency: {sorted(foreign)}"

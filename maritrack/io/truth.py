@@ -52,10 +52,16 @@ def find_truth(path: Path) -> Path | None:
     REC.truth.json, with or without the ending of REC; of Autoferry `X_groundTruth.json` beside
     `X_detections.json` or `X.mat`.
     """
-    name, stem = path.name, path.stem
+    beside = (path.with_name(name) for name in truth_names(path.name))
+    return next((file for file in beside if file.is_file()), None)
+
+
+def truth_names(name: str) -> tuple[str, ...]:
+    """What truth beside a recording of this name may be called, the first that is there counts."""
+    path = Path(name)
+    stem = path.stem
     candidates = [f"{name}.truth.json", f"{stem}.truth.json", f"{Path(stem).stem}.truth.json"]
     if path.suffix == ".gz":
         stem = Path(stem).stem
     candidates.append(f"{stem.removesuffix('_detections')}_groundTruth.json")
-    beside = (path.with_name(candidate) for candidate in dict.fromkeys(candidates) if candidate != name)
-    return next((file for file in beside if file.is_file()), None)
+    return tuple(candidate for candidate in dict.fromkeys(candidates) if candidate != name)

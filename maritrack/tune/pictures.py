@@ -23,7 +23,7 @@ MOST_NUMBERS = 400  # cells of a panel that have their number written in
 
 def draw_clustering(path: Path, of: Study, *, title: str) -> None:
     """Heat maps of ARI and count difference over eps and min_points, the domains side by side, the choice framed."""
-    figure, panels = _panels(2, len(DOMAINS), width=1.6 + 0.36 * len(of.eps_m), height=1.3 + 0.3 * len(of.min_points))
+    figure, panels = sheet(2, len(DOMAINS), width=1.6 + 0.36 * len(of.eps_m), height=1.3 + 0.3 * len(of.min_points))
     ari_low = min(math.floor(10.0 * float(of.ari.min())) / 10.0, 0.9)
     most = max(float(of.count_difference.max()), 1.0)
     for d, domain in enumerate(DOMAINS):
@@ -37,7 +37,7 @@ def draw_clustering(path: Path, of: Study, *, title: str) -> None:
             panel.set(xlabel="eps [m]", ylabel="min_points", title=f"{NAMES[domain]}: {name}; framed: {at}")
             _frame(panel, *chosen)
     figure.suptitle(title)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_tracking(path: Path, rows: Sequence[Row], axes: Mapping[str, Sequence[Any]], *, by: str, title: str) -> bool:
@@ -67,7 +67,7 @@ def _index(values: Sequence[Any], value: Any) -> int:
 def _draw_lines(
     path: Path, found: FloatArray, trackers: Sequence[Any], key: str, values: Sequence[Any], *, by: str, title: str
 ) -> None:
-    figure, panels = _panels(1, 1, width=7.0, height=4.2)
+    figure, panels = sheet(1, 1, width=7.0, height=4.2)
     panel = panels[0][0]
     numbers = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
     x = np.array(values, float) if numbers else np.arange(len(values), dtype=float)
@@ -80,7 +80,7 @@ def _draw_lines(
         panel.legend()
     panel.set(xlabel=key, ylabel=_unit(by), title=title)
     panel.grid(alpha=0.3)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _draw_maps(
@@ -89,7 +89,7 @@ def _draw_maps(
 ) -> None:  # fmt: skip
     across, up = (axes[key] for key in keys)
     width, height = max(4.6, 2.0 + 0.7 * len(across)), max(3.2, 1.6 + 0.45 * len(up))
-    figure, panels = _panels(1, len(trackers), width=width, height=height)
+    figure, panels = sheet(1, len(trackers), width=width, height=height)
     known = found[np.isfinite(found)]
     limits = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     for panel, values, tracker in zip(panels[0], found, trackers, strict=True):
@@ -98,7 +98,7 @@ def _draw_maps(
         if np.isfinite(values).any():
             _frame(panel, *divmod(int(np.nanargmin(values)), values.shape[1]))
     figure.suptitle(title)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _unit(metric: str) -> str:
@@ -106,7 +106,7 @@ def _unit(metric: str) -> str:
     return f"{metric} [{units[metric]}]" if metric in units else metric
 
 
-def _panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, Any]:
+def sheet(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, Any]:
     """A figure without a display and its panels [row][column]; inches of one panel."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -143,7 +143,7 @@ def _frame(panel: Any, column: int, row: int) -> None:
     panel.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, edgecolor="red", linewidth=2, clip_on=False))
 
 
-def _save(figure: Any, path: Path) -> None:
+def save(figure: Any, path: Path) -> None:
     """Write a PNG; equal studies give equal octets."""
     octets = io.BytesIO()
     figure.savefig(octets, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})

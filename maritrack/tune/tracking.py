@@ -10,7 +10,7 @@ from typing import Any
 
 from maritrack.chain import build_chain, detect
 from maritrack.config import load_config, merge
-from maritrack.errors import ConfigError, MaritrackError, UsageError
+from maritrack.errors import FAILURES, ConfigError, UsageError, told
 from maritrack.fanout import Tick, fan_out
 from maritrack.job import Job, run_silently
 from maritrack.metrics.scores import KEYS
@@ -22,7 +22,6 @@ from maritrack.types import Frame
 TRACKER = "tracker_name"
 SMALLER_IS_BETTER = (*(key for key in KEYS if not key.startswith("n_")), "gospa_unexplained", "switches")
 TOGETHER = 8  # combinations that share one reading of a recording
-FAILURES = (MaritrackError, ArithmeticError, LookupError, ValueError, TypeError, OSError, MemoryError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +118,7 @@ def study(
     pieces = [piece for i, subject in enumerate(of) for piece in _pieces(i, subject, configs, workers)]
     scores: dict[tuple[int, int], Mapping[str, float] | str] = {}
     for number, answer in fan_out(run_piece, pieces, workers=workers, tick=tick):
-        scores |= {(i, pieces[number].number): told for i, told in answer}
+        scores |= {(i, pieces[number].number): found for i, found in answer}
     rows = [
         _row(i, values, config, [scores[i, j] for j in range(len(of)) if (i, j) in scores])
         for i, (values, config) in enumerate(grid)
@@ -155,7 +154,7 @@ def run_piece(piece: Piece) -> list[tuple[int, Mapping[str, float] | str]]:
     try:
         prepared = _prepared(piece)
     except FAILURES as error:
-        return [(i, _told(error)) for i, _ in piece.runs]
+        return [(i, told(error)) for i, _ in piece.runs]
     return [(i, _scores(piece.subject, config, prepared)) for i, config in piece.runs]
 
 
@@ -185,7 +184,7 @@ def _scores(
     try:
         summary, _ = run_silently(job, (), recording=replace(recording, frames=iter(frames)))
     except FAILURES as error:
-        return _told(error)
+        return told(error)
     if summary["interrupted"]:
         raise KeyboardInterrupt
     metrics: dict[str, float] = summary["metrics"]
@@ -193,12 +192,6 @@ def _scores(
     seen = sum(o["frames"] for o in objects)
     held = sum(o["held_by_one"] * o["frames"] for o in objects) / seen if seen else math.nan
     return metrics | {"switches": float(sum(o["switches"] for o in objects)), "held_by_one": held}
-
-
-def _told(error: BaseException) -> str:
-    """An error in one line; what we did not raise on purpose with its type."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, MaritrackError) else f"{type(error).__name__}: {text}"
 
 
 def _row(

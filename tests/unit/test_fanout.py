@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+import os
 
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+from maritrack.errors import UsageError
 from maritrack.fanout import cores, fan_out
 
 
@@ -35,3 +40,33 @@ def test_nothing_to_do_is_nothing_done() -> None:
 
 def test_there_is_a_core_to_work_on() -> None:
     assert cores() >= 1
+
+
+def fatal(x: int) -> int:
+    """Ends its process for 3, as a crash in a library or the kernel's answer to too much memory would."""
+    if x == 3:
+        os._exit(9)
+    return x * x
+
+
+def test_a_piece_that_kills_its_process_costs_itself_only() -> None:
+    answers = dict(fan_out(fatal, [3, 1, 2, 4, 5, 6], workers=2, lost=lambda x: -x))
+    assert answers == {0: -3, 1: 1, 2: 4, 3: 16, 4: 25, 5: 36}
+
+
+def threads(_: int) -> list[int]:
+    np.linalg.inv(np.eye(3))
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_linear_algebra_has_one_thread_a_piece(workers: int) -> None:
+    told = dict(fan_out(threads, [0, 1], workers=workers))
+    assert all(n == 1 for pools in told.values() for n in pools) and told[0]
+
+
+def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("maritrack.fanout.CONNECT_S", 1)
+    with pytest.raises(UsageError, match="--scheduler"):
+        list(fan_out(square, [1], scheduler="tcp://127.0.0.1:1"))

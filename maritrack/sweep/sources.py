@@ -1,0 +1,136 @@
+"""What a run of a sweep reads: a recording by path or URL with the documents beside it, or a scene to be simulated."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from maritrack.errors import InputError, UsageError
+from maritrack.io import sniff
+from maritrack.io.octets import octets_from_file
+from maritrack.io.remote import exists, is_url, octets_from_url, read_url
+from maritrack.io.source import Octets
+from maritrack.io.truth import truth_names
+from maritrack.recording import kinds_of, side_documents
+from maritrack.simulate.record import simulate
+from maritrack.simulate.scenes import load_scene, scene_names
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """An input as it is asked for. Paths and URLs are those that the workers see."""
+
+    name: str  # path or URL of a recording; name or path of a scene
+    scene: bool = False
+    scans: int = 0  # of a scene; 0 = as many as it has
+    truth: str = ""  # "" = what lies beside the recording
+    own_ship: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What an input turned out to be."""
+
+    kind: str
+    sha256: str  # of a scene: of what it shows, without the noise
+    side: Mapping[str, str]  # SHA-256 of the documents beside it, by name
+    error: str = ""  # why it can't be read
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opened:
+    """An input that is ready to be read."""
+
+    octets: Octets
+    kind: str
+    side: Mapping[str, bytes]
+
+
+def named(
+    names: Sequence[str], *, scans: int = 0, truth: Sequence[str] = (), own_ship: Sequence[str] = ()
+) -> tuple[Source, ...]:
+    """The inputs of these names; `truth` and `own_ship` are none or one for each. A scene is a name or a .toml file."""
+    for option, given in (("--truth", truth), ("--own-ship", own_ship)):
+        if given and len(given) != len(names):
+            raise UsageError(f"{len(given)} {option} for {len(names)} inputs", hint="one for each, in their order")
+    if "-" in names:
+        raise UsageError("a sweep reads its inputs more than once: no standard input")
+    known = scene_names()
+    scenes = [name.endswith(".toml") or (name in known and not Path(name).exists()) for name in names]
+    if scans and not all(scenes):
+        raise UsageError("--scans is of scenes", hint="--limit is of recordings")
+    return tuple(
+        Source(
+            name=name, scene=scene, scans=scans, truth=truth[i] if truth else "",
+            own_ship=own_ship[i] if own_ship else "",
+        )
+        for i, (name, scene) in enumerate(zip(names, scenes, strict=True))
+    )  # fmt: skip
+
+
+def examine(source: Source) -> Known:
+    """Kind and digests of an input; it is read once, in pieces. InputError where it can't be read."""
+    if source.scene:
+        shown = f"{load_scene(source.name)!r} {source.scans}"
+        return Known("cat240", hashlib.sha256(shown.encode()).hexdigest(), {})
+    with opened(source, seed=0) as found:
+        digest = hashlib.sha256()
+        for piece in found.octets.chunks:
+            digest.update(piece)
+        side = {name: hashlib.sha256(octets).hexdigest() for name, octets in found.side.items()}
+        return Known(found.kind, digest.hexdigest(), side)
+
+
+@contextmanager
+def opened(source: Source, *, seed: int) -> Iterator[Opened]:
+    """The input with what lies beside it; a scene is simulated with the noise of the seed, and gone afterwards."""
+    if source.scene:
+        with tempfile.TemporaryDirectory(prefix="maritrack-") as folder:
+            path = Path(folder) / "scene.cat240"
+            scans = source.scans or None
+            scene = load_scene(source.name)
+            if scene.others:
+                raise InputError(f"{source.name}: a scene of several radars", hint="simulate it, and sweep over these")
+            simulate(scene, path, seed=seed, scans=scans, ais=False, labels=False)
+            yield _opened(Source(name=str(path)))
+        return
+    yield _opened(source)
+
+
+def _opened(source: Source) -> Opened:
+    octets = octets_from_url(source.name, "") if is_url(source.name) else octets_from_file(Path(source.name), "")
+    (kind,) = kinds_of([octets])
+    channelled = Octets(octets.name, f"/input/{kind}", octets.chunks, octets.head, octets.size)
+    return Opened(channelled, kind, _side(source))
+
+
+def _side(source: Source) -> dict[str, bytes]:
+    """Documents beside the input, from wherever they are."""
+    if not any(map(is_url, (source.name, source.truth, source.own_ship))):
+        truth, own_ship = (Path(name) if name else None for name in (source.truth, source.own_ship))
+        return side_documents([Path(source.name)], truth=truth, own_ship=own_ship, sensors=None)
+    names = {"truth": source.truth or _truth_beside(source.name), "own-ship": source.own_ship}
+    side = {name: _document(place) for name, place in names.items() if place}
+    for name, octets in side.items():
+        if sniff(octets[:65536], name) in ("cat240", "plots"):
+            raise InputError(f"{names[name]}: a recording, no reference positions")
+    return side
+
+
+def _truth_beside(name: str) -> str:
+    folder, _, last = name.rpartition("/")
+    places = (f"{folder}/{candidate}" for candidate in truth_names(last))
+    return next((place for place in places if (exists(place) if is_url(place) else Path(place).is_file())), "")
+
+
+def _document(place: str) -> bytes:
+    if is_url(place):
+        return read_url(place)
+    try:
+        return Path(place).read_bytes()
+    except OSError as error:
+        raise InputError(f"{place}: {error.strerror or error}") from None

@@ -1,0 +1,134 @@
+"""What a sweep leaves in its folder: a file for each finished run, and the table of all.
+
+rows/<run id>.json   configuration, metrics and counts: the same octets whoever ran it, wherever, in which order
+timings.jsonl        CPU milliseconds of the runs, in the order in which they ended
+runs/<run id>/       archive and summary of each run, where they are kept
+results.parquet      the table, a row a run in the order of the plan; results.csv: the same
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from maritrack.errors import InputError
+from maritrack.sinks.summary import json_octets
+from maritrack.sweep.work import Done, Row
+
+ROWS, TIMINGS, RUNS, TABLE = "rows", "timings.jsonl", "runs", "results"
+FIRST = ("run_id", "input", "kind", "tracker", "preset", "seed", "error")
+Cells = dict[str, Any]
+
+
+def write_row(folder: Path, done: Done) -> None:
+    """Write what came of a run: times first, then, all at once, the row that says that it is finished."""
+    run_id = done.row["run_id"]
+    if done.timing:
+        with (folder / TIMINGS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"run_id": run_id, **done.timing}) + "\n")
+    _replace(folder / ROWS / f"{run_id}.json", json_octets(done.row))
+
+
+def read_row(folder: Path, run_id: str) -> Row | None:
+    """The row of a finished run; None where there is none, or one that can't be read."""
+    try:
+        row = json.loads((folder / ROWS / f"{run_id}.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+    return row if isinstance(row, dict) and row.get("run_id") == run_id else None
+
+
+def read_timings(folder: Path) -> dict[str, Mapping[str, float]]:
+    """Times by run, the last ones of a run that ran twice; a line that breaks off is left out."""
+    try:
+        lines = (folder / TIMINGS).read_text("utf-8").splitlines()
+    except OSError:
+        return {}
+    found: dict[str, Mapping[str, float]] = {}
+    for line in lines:
+        try:
+            told = json.loads(line)
+            found[told.pop("run_id")] = told
+        except (ValueError, KeyError, AttributeError, TypeError):
+            continue
+    return found
+
+
+def cells(row: Row, timing: Mapping[str, float]) -> Cells:
+    """A row flat: who it is, metrics, `counts.*`, every setting by its key, `timing.*`."""
+    flat: Cells = {name: row[name] for name in FIRST}
+    flat |= {name: math.nan if value is None else value for name, value in row["metrics"].items()}
+    flat |= {f"counts.{name}": value for name, value in row["counts"].items()}
+    flat["input_sha256"] = row["input_sha256"]
+    flat |= _settings(tomllib.loads(row["config"])) if row["config"] else dict(row["values"])
+    return flat | {f"timing.{name}": value for name, value in timing.items()}
+
+
+def _settings(table: Mapping[str, Any], prefix: str = "") -> Cells:
+    flat: Cells = {}
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            flat |= _settings(value, f"{prefix}{name}.")
+        elif prefix or name not in ("preset", "seed", "tracker_name"):
+            flat[prefix + name] = value
+    return flat
+
+
+def write_table(folder: Path, rows: Sequence[Row]) -> dict[str, str]:
+    """Write the table of these rows as Parquet and CSV; their paths."""
+    import pyarrow as pa  # type: ignore[import-untyped]
+    from pyarrow import csv, parquet
+
+    timings = read_timings(folder)
+    flat = [cells(row, timings.get(row["run_id"], {})) for row in rows]
+    names = sorted(dict.fromkeys(name for one in flat for name in one), key=_place(flat))
+    table = pa.table({name: _column([one.get(name) for one in flat]) for name in names})
+    paths = {kind: folder / f"{TABLE}.{kind}" for kind in ("parquet", "csv")}
+    for kind, write in (("parquet", parquet.write_table), ("csv", csv.write_csv)):
+        partial = paths[kind].with_name(paths[kind].name + ".partial")
+        write(table, str(partial))
+        os.replace(partial, paths[kind])
+    return {kind: str(path) for kind, path in paths.items()}
+
+
+def _place(flat: Sequence[Cells]) -> Any:
+    """Where a column stands: in the order of the rows that have all, times last."""
+    full = max(flat, key=len, default={})
+    order = {name: i for i, name in enumerate(full)}
+    return lambda name: (name.startswith("timing."), order.get(name, len(order)), name)
+
+
+def _column(values: Sequence[Any]) -> Any:
+    """A column of one type: numbers where all are, else text; None = not there."""
+    import pyarrow as pa
+
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} and float in kinds:
+        return pa.array([None if value is None else float(value) for value in values], pa.float64())
+    if len(kinds) > 1:
+        return pa.array([None if value is None else str(value) for value in values], pa.string())
+    return pa.array(values)
+
+
+def read_table(folder: Path) -> list[Cells]:
+    """The rows of the table of a folder. InputError where there is none."""
+    from pyarrow import ArrowInvalid, parquet
+
+    path = folder / f"{TABLE}.parquet" if folder.is_dir() else folder
+    try:
+        rows: list[Cells] = parquet.read_table(str(path)).to_pylist()
+    except (OSError, ArrowInvalid) as error:
+        hint = "it is written by `maritrack sweep` and `maritrack batch`"
+        raise InputError(f"{path}: no table of runs: {error}", hint=hint) from None
+    return rows
+
+
+def _replace(path: Path, octets: bytes) -> None:
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(octets)
+    os.replace(partial, path)

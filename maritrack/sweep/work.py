@@ -1,0 +1,127 @@
+"""A piece of a sweep: runs that read one input, each with a row of what came of it, or of why nothing came."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maritrack.config import to_toml
+from maritrack.errors import FAILURES, UsageError, told
+from maritrack.job import Job, execute, run_silently
+from maritrack.manifest import code_digest
+from maritrack.settings import Config
+from maritrack.sweep.plan import Run
+from maritrack.sweep.sources import Opened, Source, opened
+
+TOGETHER = 8  # runs that share one simulation of a scene
+KILLED = "its process was killed, or ran out of memory"
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """Runs of one input and one seed; of a recording a single one."""
+
+    source: Source
+    seed: int
+    runs: tuple[Run, ...]
+    code_sha256: str  # of the code that planned them
+    keep: str = ""  # folder for the archives of runs, as the workers see it; "" = none
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A finished run: its row, and CPU times, which no two runs have in common."""
+
+    row: Row
+    timing: Mapping[str, float]
+
+
+def pieces(runs: Sequence[Run], *, keep: str = "") -> list[Piece]:
+    """The runs as pieces of work, in their order."""
+    code = code_digest()
+    alike: dict[Any, list[Run]] = {}
+    for run in runs:
+        alike.setdefault((run.source, run.seed) if run.source.scene else run.run_id, []).append(run)
+    return [
+        Piece(source=group[0].source, seed=group[0].seed, runs=tuple(group[at : at + TOGETHER]), code_sha256=code,
+              keep=keep)
+        for group in alike.values() for at in range(0, len(group), TOGETHER)
+    ]  # fmt: skip
+
+
+def work(piece: Piece) -> list[Done]:
+    """Run a piece. What fails is a row with its error; UsageError where this code is not that of the plan."""
+    if piece.code_sha256 != code_digest():
+        raise UsageError("a worker has other code than this process", hint="install the same version on all machines")
+    able = [run for run in piece.runs if not run.error]
+    if not able:
+        return [failed(run, run.error) for run in piece.runs]
+    try:
+        with opened(piece.source, seed=piece.seed) as found:
+            return [_run(run, found, piece.keep) for run in piece.runs]
+    except FAILURES as error:
+        return [failed(run, run.error or told(error)) for run in piece.runs]
+
+
+def lost(piece: Piece) -> list[Done]:
+    """The rows of a piece that nobody could finish."""
+    return [failed(run, run.error or KILLED) for run in piece.runs]
+
+
+def failed(run: Run, error: str) -> Done:
+    """The row of a run that came to nothing."""
+    return Done(_row(run) | {"metrics": {}, "counts": {}, "error": error}, {})
+
+
+def _run(run: Run, found: Opened, keep: str) -> Done:
+    if run.config is None:
+        return failed(run, run.error)
+    job = Job(
+        octets=(found.octets,), kinds=(found.kind,), input_sha256=(run.input_sha256,), side=found.side,
+        config=run.config, name=Path(run.source.name).stem, out=Path(keep) / run.run_id[:16] if keep else None,
+        rrd=False,
+    )  # fmt: skip
+    try:
+        summary, _ = execute(job) if keep else run_silently(job, ())
+    except FAILURES as error:
+        return failed(run, told(error))
+    if summary["interrupted"]:
+        raise KeyboardInterrupt
+    return Done(_row(run) | results(summary), summary["timing"])
+
+
+def results(summary: Mapping[str, Any]) -> Row:
+    """What a row holds of a summary: the metrics, how objects were held, counts."""
+    objects = summary["objects"]
+    seen = sum(o["frames"] for o in objects)
+    held = {
+        "held": sum(o["held"] for o in objects) / seen,
+        "held_by_one": sum(o["held_by_one"] * o["frames"] for o in objects) / seen,
+        "switches": float(sum(o["switches"] for o in objects)),
+    } if seen else {}  # fmt: skip
+    counts = {name: n for name, n in summary["counts"].items() if not isinstance(n, Mapping)}
+    warnings = sum(summary["counts"]["warnings"].values())
+    return {"metrics": {**summary["metrics"], **held}, "counts": {**counts, "warnings": warnings}, "error": ""}
+
+
+def _row(run: Run) -> Row:
+    config = run.config
+    return {
+        "run_id": run.run_id,
+        "input": run.source.name,
+        "input_sha256": run.input_sha256,
+        "kind": run.kind,
+        "seed": run.seed,
+        "tracker": config.tracker_name if config is not None else run.values.get("tracker_name", ""),
+        "preset": config.preset if config is not None else "",
+        "values": {name: _plain(value) for name, value in run.values.items()},
+        "config": to_toml(config) if isinstance(config, Config) else "",
+    }
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

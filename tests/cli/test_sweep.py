@@ -1,0 +1,61 @@
+"""`maritrack sweep` and `maritrack table` as from a shell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.calling import call
+from tests.shared import ROOT
+
+FERRY = ROOT / "data" / "samples" / "autoferry13_detections.json"
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    done = call("sweep", FERRY, "--grid", "tracker=sprt,jipda", "--limit", "4", "-o", folder, "--workers", "1")
+    assert done.code == 0 and done.err == "", done.err
+    assert "2 runs, 0 of them finished before, 0 failed" in done.out and f"maritrack table {folder}" in done.out
+    return folder
+
+
+def test_a_sweep_goes_on_where_it_was(study: Path) -> None:
+    again = call(
+        "sweep", FERRY, "--grid", "tracker=sprt,jipda", "--limit", "4", "-o", study, "--workers", "1", "--json"
+    ).json
+    assert (again["runs"], again["reused"], again["failed"]) == (2, 2, 0)
+    assert [row["tracker"] for row in again["rows"]] == ["sprt", "jipda"]
+
+
+def test_a_table_tells_groups_and_differences(study: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "study.png"
+    done = call("table", study, "--by", "tracker", "--metric", "gospa", "--against", "sprt", "--plot", picture)
+    assert done.code == 0 and "gospa: mean over inputs" in done.out and "gospa: minus that of sprt" in done.out
+    assert picture.read_bytes()[:8] == PNG
+    told = call("table", study, "--metric", "gospa", "--metric", "switches", "--json").json
+    assert [group["values"] for group in told["groups"]] == [["sprt"], ["jipda"]] and len(told["paired"]) == 2
+    assert "| tracker | runs | inputs | mean | from | to |" in call("table", study, "--md").out
+
+
+def test_a_table_over_a_number_is_drawn_along_it(tmp_path: Path) -> None:
+    folder, picture = tmp_path / "s", tmp_path / "p.png"
+    call("sweep", FERRY, "--grid", "model.p_detect=0.6:0.8:0.2", "--limit", "2", "-o", folder, "--workers", "1")
+    assert call("table", folder, "--by", "model.p_detect", "--plot", picture).code == 0
+    assert picture.read_bytes()[:8] == PNG
+
+
+def test_wrong_use_is_one_line(study: Path, tmp_path: Path) -> None:
+    assert "no such file" in call("sweep", tmp_path / "none.cat240", "-o", tmp_path / "o").error
+    assert "no column 'nix'" in call("table", study, "--metric", "nix").error
+    assert "no table of runs" in call("table", tmp_path).error
+    assert call("sweep", FERRY, "--grid", "tracker=nix", "-o", tmp_path / "o").code == 2
+    assert call("sweep", FERRY).code == 2  # nowhere to write to
+    assert "--seeds" in call("sweep", FERRY, "--seeds", "x", "-o", tmp_path / "o").error
+
+
+def test_seeds_of_a_recording_are_said_to_change_nothing(tmp_path: Path) -> None:
+    done = call("sweep", FERRY, "--seeds", "0:1", "--limit", "2", "-o", tmp_path, "--workers", "1")
+    assert done.code == 0 and "no tracker draws random numbers" in done.err

@@ -1,0 +1,95 @@
+"""Groups of runs: what counts as independent, intervals, paired differences."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import bootstrap, wilcoxon
+
+from maritrack.errors import UsageError
+from maritrack.sweep.compare import Paired, compare, holm, interval, signed_rank
+
+
+def row(unit: int, tracker: str, gospa: float | None, *, eps_m: float = 35.0, seed: int = 0, error: str = "") -> Any:
+    who = {"run_id": "", "input": "rec", "input_sha256": f"{unit:03d}", "seed": seed, "tracker": tracker}
+    return who | {"error": error, "preset": "radar", "gospa": gospa, "cluster.eps_m": eps_m}
+
+
+def rows(n: int = 12) -> list[Any]:
+    rng = np.random.default_rng(1)
+    hard = 100.0 * rng.random(n)
+    return [row(i, name, hard[i] + shift + rng.random()) for i in range(n) for name, shift in (("a", 0.0), ("b", 2.0))]
+
+
+def test_pairs_show_what_means_hide() -> None:
+    found = compare(rows(), by=["tracker"], metrics=["gospa"])
+    a, b = (group.metrics["gospa"] for group in found.groups)
+    assert a.high > b.low  # the intervals overlap widely
+    (pair,) = found.paired
+    assert pair.values == ("b",) and pair.against == ("a",)
+    assert pair.difference.low > 1.0 and pair.difference.high < 3.0 and pair.p < 0.001
+
+
+def test_runs_of_one_input_do_not_make_it_many() -> None:
+    one = [row(0, name, 10.0 + k, seed=k) for name in "ab" for k in range(50)]
+    found = compare(one, by=["tracker"], metrics=["gospa"])
+    assert found.groups[0].runs == 50 and found.groups[0].metrics["gospa"].inputs == 1
+    assert math.isnan(found.groups[0].metrics["gospa"].low)
+    twice = rows() + [{**r, "seed": 1} for r in rows()]
+    assert (
+        compare(twice, by=["tracker"], metrics=["gospa"]).paired
+        == compare(rows(), by=["tracker"], metrics=["gospa"]).paired
+    )
+
+
+def test_pairs_have_all_other_settings_alike() -> None:
+    some = [row(i, "a", 1.0, eps_m=35.0) for i in range(3)] + [row(i, "a", 5.0, eps_m=45.0) for i in range(3)]
+    some += [row(i, "b", 6.0, eps_m=45.0) for i in range(3)]  # b has been run with one setting only
+    (pair,) = compare(some, by=["tracker"], metrics=["gospa"], against="a").paired
+    assert pair.difference.mean == 1.0
+
+
+def test_the_order_of_rows_changes_nothing() -> None:
+    some, order = rows(), np.random.default_rng(2).permutation(24)
+    a = compare(some, by=["tracker"], metrics=["gospa"])
+    b = compare([some[i] for i in order], by=["tracker"], metrics=["gospa"])
+    assert sorted(a.groups, key=repr) == sorted(b.groups, key=repr) and a.paired == b.paired
+
+
+def test_the_interval_is_the_percentile_bootstrap() -> None:
+    values = np.random.default_rng(3).gamma(2.0, 3.0, 40)
+    ours = interval(values)
+    theirs = bootstrap(
+        (values,), np.mean, method="percentile", n_resamples=9999, random_state=np.random.default_rng(4)
+    ).confidence_interval
+    spread = theirs.high - theirs.low
+    assert abs(ours.low - theirs.low) < 0.05 * spread and abs(ours.high - theirs.high) < 0.05 * spread
+    assert interval(values) == ours
+
+
+def test_the_test_is_wilcoxons() -> None:
+    d = np.array([1.0, 2.0, -0.5, 3.0, 4.0, 0.7])
+    assert signed_rank(d) == wilcoxon(d).pvalue
+    assert signed_rank(np.zeros(5)) == 1.0 and math.isnan(signed_rank(np.zeros(0)))
+
+
+def test_holm_corrects_for_the_number_of_comparisons() -> None:
+    pairs = [Paired("gospa", (i,), (9,), interval(np.zeros(2)), p) for i, p in enumerate((0.04, 0.01, 0.03, math.nan))]
+    assert [pair.p for pair in holm(pairs)][:3] == pytest.approx([0.06, 0.03, 0.06])
+
+
+def test_what_failed_or_has_no_truth_is_left_out() -> None:
+    some = [*rows(), row(0, "a", None, error="broken"), row(99, "a", None), row(98, "b", math.nan)]
+    found = compare(some, by=["tracker"], metrics=["gospa"])
+    assert found.failed == 1 and found.groups[0].metrics["gospa"].inputs == 12
+    with pytest.raises(UsageError, match="no run"):
+        compare([row(0, "a", None, error="x")], by=["tracker"], metrics=["gospa"])
+    with pytest.raises(UsageError, match="no column 'nix'"):
+        compare(rows(), by=["nix"], metrics=["gospa"])
+    with pytest.raises(UsageError, match="not a number"):
+        compare(rows(), by=["tracker"], metrics=["input"])
+    with pytest.raises(UsageError, match="no such group"):
+        compare(rows(), by=["tracker"], metrics=["gospa"], against="c")
