@@ -21,10 +21,13 @@ from maritrack.errors import InputError, UsageError
 from maritrack.io.archive import ArchivedScan, iter_results, read_archive
 from maritrack.io.containers.mcap_walk import MAGIC
 from maritrack.io.runmeta import manifest_metadata
+from maritrack.tolerances import Tolerance, Tolerances
 from maritrack.types import Damage
 
 S = TypeVar("S")
 LIMIT = 100  # differences that are kept; all are counted
+FRAME_PARTS = ("scan", "truth", "points", "clusters", "tracks", "scores", "archive")
+SUMMARY_PARTS = ("metrics", "counts")
 
 
 class Difference(NamedTuple):
@@ -46,17 +49,18 @@ class Diff:
     metrics: Mapping[str, tuple[Any, Any]]  # changed ones
     manifest: tuple[Difference, ...]  # for information
     n_scans: int  # compared
+    parts: Mapping[str, Part]  # all that was compared: "tracks", "metrics.gospa", "counts.scans", ...
 
     @property
     def equal(self) -> bool:
         return self.count == 0
 
 
-class Tolerance(NamedTuple):
-    """Floats are the same within atol + rtol times the larger one; all else is exact."""
+class Part(NamedTuple):
+    """Something that was compared: a metric, a count, or a part of the frames."""
 
-    rtol: float = 0.0
-    atol: float = 0.0
+    n: int = 0  # differences
+    first: Difference | None = None
 
 
 class _Side(NamedTuple):
@@ -72,30 +76,49 @@ def diff(
     *,
     rtol: float = 0.0,
     atol: float = 0.0,
+    tolerances: Tolerances | None = None,
     only: Literal["metrics", "tracks"] | None = None,
     limit: int = LIMIT,
 ) -> Diff:
-    """Compare two runs. InputError where one can't be read."""
-    tolerance, sides = Tolerance(rtol, atol), (_side(a), _side(b))
+    """Compare two runs, `tolerances` in place of rtol and atol. InputError where one can't be read."""
+    tolerance, sides = tolerances or Tolerances(Tolerance(rtol, atol)), (_side(a), _side(b))
     metrics = _changed(sides, "metrics", tolerance) if only != "tracks" else {}
-    counts = _changed(sides, "counts", Tolerance()) if only is None else {}
+    counts = _changed(sides, "counts", tolerance) if only is None else {}
     found = itertools.chain(
         _frames(sides, tolerance, only=only),
         (Difference("metrics", -1, name, *pair) for name, pair in metrics.items()),
         (Difference("counts", -1, name, *pair) for name, pair in counts.items()),
     )
-    kept = list(itertools.islice(found, limit))
+    kept: list[Difference] = []
+    parts = dict.fromkeys(_compared(sides, only), Part())
+    for difference in found:
+        kept += [difference] if len(kept) < limit else []
+        name = f"{difference.where}.{difference.what}" if difference.where in SUMMARY_PARTS else difference.where
+        part = parts.get(name, Part())
+        parts[name] = Part(part.n + 1, part.first or difference)
+    manifests = (sides[0].manifest, sides[1].manifest)
     return Diff(
-        differences=tuple(kept), count=len(kept) + sum(1 for _ in found), metrics=metrics,
+        differences=tuple(kept), count=sum(part.n for part in parts.values()), metrics=metrics,
         manifest=tuple(
             Difference("manifest", -1, name, *pair)
-            for name, pair in _table_changes(sides[0].manifest, sides[1].manifest, Tolerance()).items()
+            for name, pair in _table_changes("manifest", *manifests, tolerance).items()
         ),
-        n_scans=min(side.n_scans for side in sides) if only != "metrics" else 0,
+        n_scans=min(side.n_scans for side in sides) if only != "metrics" else 0, parts=parts,
     )  # fmt: skip
 
 
-def compare_scans(a: ArchivedScan, b: ArchivedScan, tolerance: Tolerance, *, tracks_only: bool) -> Iterator[Difference]:
+def _compared(sides: tuple[_Side, _Side], only: str | None) -> Iterator[str]:
+    """All that is compared, whether it differs or not."""
+    if only != "metrics" and all(side.archive is not None for side in sides):
+        yield from FRAME_PARTS if only is None else ("tracks",)
+    for part in SUMMARY_PARTS if only is None else ("metrics",) if only == "metrics" else ():
+        names = {name for side in sides for name in _flat(side.summary.get(part))}
+        yield from (f"{part}.{name}" for name in sorted(names))
+
+
+def compare_scans(
+    a: ArchivedScan, b: ArchivedScan, tolerance: Tolerances, *, tracks_only: bool
+) -> Iterator[Difference]:
     """What differs in one frame, in the order in which it came about."""
     if not tracks_only:
         yield from _columns("scan", a.k, _scan_table(a), _scan_table(b), tolerance)
@@ -104,11 +127,11 @@ def compare_scans(a: ArchivedScan, b: ArchivedScan, tolerance: Tolerance, *, tra
         yield from _columns("points", a.k, {"keep": a.keep}, {"keep": b.keep}, tolerance)
         yield from _rows("clusters", a.k, a.clusters, b.clusters, tolerance)
     yield from _rows("tracks", a.k, a.tracks, b.tracks, tolerance)
-    changes = {} if tracks_only else _table_changes(a.scores, b.scores, tolerance)
+    changes = {} if tracks_only else _table_changes("scores", a.scores, b.scores, tolerance)
     yield from (Difference("scores", a.k, name, *pair) for name, pair in changes.items())
 
 
-def _frames(sides: tuple[_Side, _Side], tolerance: Tolerance, *, only: str | None) -> Iterator[Difference]:
+def _frames(sides: tuple[_Side, _Side], tolerance: Tolerances, *, only: str | None) -> Iterator[Difference]:
     """What differs frame by frame, then what could not be read."""
     a, b = sides[0].archive, sides[1].archive
     if only == "metrics" or (only is None and (a is None or b is None)):
@@ -141,7 +164,7 @@ def paired(a: Iterator[S], b: Iterator[S], k: Callable[[S], int]) -> Iterator[tu
             x, y = next(a, None), next(b, None)
 
 
-def _rows(where: str, k: int, a: Any, b: Any, tolerance: Tolerance) -> Iterator[Difference]:
+def _rows(where: str, k: int, a: Any, b: Any, tolerance: Tolerances) -> Iterator[Difference]:
     """Two values of rows: how many, then field by field; tracks and truth are matched by id."""
     if a is None or b is None:
         if a is not b:
@@ -179,11 +202,11 @@ def _table(value: Any, index: Any = None) -> dict[str, Any]:
 
 
 def _columns(
-    where: str, k: int, a: Mapping[str, Any], b: Mapping[str, Any], tolerance: Tolerance, *, ids: Sequence[Any] = ()
+    where: str, k: int, a: Mapping[str, Any], b: Mapping[str, Any], tolerances: Tolerances, *, ids: Sequence[Any] = ()
 ) -> Iterator[Difference]:
     """The first row of each column that differs."""
     for name, x in a.items():
-        y = b[name]
+        y, tolerance = b[name], tolerances.of(where, name)
         if not isinstance(x, np.ndarray) or not isinstance(y, np.ndarray):
             if isinstance(x, np.ndarray) or isinstance(y, np.ndarray) or not _same(x, y, tolerance):
                 yield Difference(where, k, name, _told(x), _told(y))
@@ -224,21 +247,24 @@ def _told(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _changed(sides: tuple[_Side, _Side], part: str, tolerance: Tolerance) -> dict[str, tuple[Any, Any]]:
+def _changed(sides: tuple[_Side, _Side], part: str, tolerances: Tolerances) -> dict[str, tuple[Any, Any]]:
     """Changed entries of a part of the summaries, None where one side has none."""
     a, b = (_flat(side.summary.get(part)) for side in sides)
-    return _table_changes(a, b, tolerance)
+    return _table_changes(part, a, b, tolerances)
 
 
-def _table_changes(a: Mapping[str, Any], b: Mapping[str, Any], tolerance: Tolerance) -> dict[str, tuple[Any, Any]]:
+def _table_changes(
+    part: str, a: Mapping[str, Any], b: Mapping[str, Any], tolerances: Tolerances
+) -> dict[str, tuple[Any, Any]]:
     names = sorted({*a, *b})
-    return {n: (a.get(n), b.get(n)) for n in names if not _same(a.get(n), b.get(n), tolerance)}
+    return {n: (a.get(n), b.get(n)) for n in names if not _same(a.get(n), b.get(n), tolerances.of(part, n))}
 
 
 def _same(a: Any, b: Any, tolerance: Tolerance) -> bool:
     """Whether two entries are the same; None stands for nan, as in JSON."""
     x, y = (math.nan if v is None else v for v in (a, b))
-    if isinstance(x, float | int) and isinstance(y, float | int) and (isinstance(x, float) or isinstance(y, float)):
+    numbers = isinstance(x, float | int) and isinstance(y, float | int)
+    if numbers and (tolerance.whole or isinstance(x, float) or isinstance(y, float)):
         return bool(_close(np.array([x], float), np.array([y], float), tolerance)[0])
     return bool(x == y)
 

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from maritrack.diff import LIMIT, Difference, Tolerance, compare_scans, paired
+from maritrack.diff import LIMIT, Difference, compare_scans, paired
 from maritrack.io.archive import Stored, assemble_scan, iter_messages
 from maritrack.io.messages import OUTPUTS, decode_log
+from maritrack.tolerances import Tolerances
 from maritrack.types import Damage
 
 
@@ -62,7 +63,7 @@ def _named(a: tuple[Stored, ...] | None, b: tuple[Stored, ...] | None) -> Iterat
     x, y = (next(assemble_scan(messages, lambda _: None), None) for messages in (a, b))
     found = False
     if x is not None and y is not None:
-        for difference in compare_scans(x, y, Tolerance(), tracks_only=False):
+        for difference in compare_scans(x, y, Tolerances(), tracks_only=False):
             found = True
             yield difference._replace(where=f"/{difference.where}")
     if not found:

@@ -79,3 +79,17 @@ def test_wrong_use_is_not_a_difference(finished_run: Path, sample: Path, tmp_pat
     assert call("diff", finished_run, finished_run, "--rtol", "-1").code == 2
     done = call("diff", finished_run / "summary.json", finished_run, "--only", "tracks")
     assert done.code == 2 and "summary" in done.error
+
+
+def test_tolerances_and_junit(finished_run: Path, other: Path, tmp_path: Path) -> None:
+    rules, report = tmp_path / "tol.toml", tmp_path / "out.xml"
+    rules.write_text("rtol = 1e-9\n[metrics]\n'*' = 10.0\n[counts]\n'*' = 10.0\n")
+    summary = finished_run / "summary.json"
+    assert call("diff", summary, other, "--tolerances", rules, "--junit", report).code == 0
+    assert (
+        b'failures="0"' in report.read_bytes() and b'classname="maritrack.metrics" name="gospa"' in report.read_bytes()
+    )
+    assert call("diff", finished_run, other, "--tolerances", rules, "--junit", report).code == 1
+    assert b"<failure" in report.read_bytes()
+    rules.write_text("[nix]\na = 1")
+    assert "unknown key 'nix'" in call("diff", summary, other, "--tolerances", rules).error
