@@ -19,6 +19,7 @@ from maritrack import __version__
 from maritrack.errors import MaritrackError
 
 from . import (
+    batch,
     calibrate,
     config,
     convert,
@@ -83,6 +84,7 @@ for module in (
     papers,
     reproduce,
     sweep,
+    batch,
     table,
 ):
     module.register(app)

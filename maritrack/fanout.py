@@ -38,7 +38,7 @@ def fan_out(
     those of its cluster; pieces of workers that die are given to others. A piece that kills its process again and
     again gets the answer `lost`; without that, it is an error.
     """
-    if scheduler:
+    if scheduler and items:
         answers = _over_cluster(work, items, scheduler, lost)
     elif workers <= 1 or len(items) <= (lost is None):
         answers = (_one(work, i, item) for i, item in enumerate(items))
@@ -118,7 +118,7 @@ def _over_cluster(
         send = partial(_send, client, work, number)
         waiting = iter(enumerate(items))
         ahead = AHEAD * max(sum(client.nthreads().values()), 1)
-        pending = as_completed([send(*item) for item in islice(waiting, ahead)])
+        pending = as_completed([send(*item) for item in islice(waiting, ahead)], loop=client.loop)
         for future in pending:
             i = number.pop(future.key)
             for item in islice(waiting, 1):

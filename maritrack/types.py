@@ -267,3 +267,4 @@ class RunManifest:
     origin: Origin | None = None
     recording: str = ""  # stem of the input, for titles; not archived
     smoothed_from: str = ""  # id of the causal run whose tracks these are in hindsight; "" = a causal run
+    joined: str = ""  # of which segments the run was joined; "" = it ran in one piece

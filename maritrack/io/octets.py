@@ -96,13 +96,15 @@ def whole(octets: Octets) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class FileChunks:
-    """The pieces of a file, read anew by each loop."""
+    """The pieces of a file from an octet on, read anew by each loop."""
 
     path: Path
+    begin: int = 0
 
     def __iter__(self) -> Iterator[bytes]:
         try:
             with self.path.open("rb") as file:
+                file.seek(self.begin)
                 yield from _pieces(file)
         except OSError as error:
             raise InputError(f"{self.path}: {_reason(error)}") from None

@@ -37,6 +37,17 @@ def exists(url: str) -> bool:
         raise InputError(f"{url}: {error.strerror or error}") from None
 
 
+def matching(pattern: str) -> list[str]:
+    """URLs that match a pattern, in order."""
+    system, path = _place(pattern)
+    protocol = pattern.partition("://")[0]
+    try:
+        names = system.glob(path)
+    except OSError as error:
+        raise InputError(f"{pattern}: {error.strerror or error}") from None
+    return sorted(f"{protocol}://{str(name).lstrip('/')}" for name in names)
+
+
 def size_of(url: str) -> int:
     """Octets under a URL, -1 where the store doesn't tell."""
     system, path = _place(url)
@@ -49,13 +60,15 @@ def size_of(url: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class UrlChunks:
-    """The pieces of what lies under a URL, read anew by each loop."""
+    """The pieces of what lies under a URL, from an octet on, read anew by each loop."""
 
     url: str
+    begin: int = 0
 
     def __iter__(self) -> Iterator[bytes]:
         try:
             with _opened(self.url) as file:
+                file.seek(self.begin)
                 while piece := file.read(CHUNK):
                     yield piece
         except OSError as error:

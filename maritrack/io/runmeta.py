@@ -28,6 +28,8 @@ def manifest_metadata(manifest: RunManifest) -> dict[str, str]:
     }
     if manifest.smoothed_from:
         table["smoothed_from"] = manifest.smoothed_from
+    if manifest.joined:
+        table["joined"] = manifest.joined
     return table | {"digest": _digest(table, manifest.config_toml.encode())}
 
 
@@ -50,7 +52,7 @@ def manifest_from_metadata(path: Path, table: Mapping[str, str], config: bytes, 
             input_kind=tuple(map(str, json.loads(table["input_kind"]))), seed=int(table["seed"]),
             versions={str(k): str(v) for k, v in dict(json.loads(table["versions"])).items()},
             origin=origin if origin is None else Origin(float(origin[0]), float(origin[1])),
-            smoothed_from=table.get("smoothed_from", ""),
+            smoothed_from=table.get("smoothed_from", ""), joined=table.get("joined", ""),
         )  # fmt: skip
     except (KeyError, IndexError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: the run's manifest can't be read: {error}") from None

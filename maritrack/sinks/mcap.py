@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -97,6 +97,16 @@ class McapSink:
             self._input(topic, octets, k=k, t_ns=t_ns)
         for topic, data in encode_result(result, points=self._points):
             self._writer.add_message(self._channels[topic], t_ns, data, t_ns, k)
+        self._count()
+
+    def copy(self, k: int, t_ns: int, messages: Sequence[tuple[str, bytes]]) -> None:
+        """Archive a frame whose messages are those of another archive: (topic, octets), the scan first."""
+        t_ns = self._last_ns = max(self._last_ns, t_ns)
+        for topic, data in messages:
+            self._writer.add_message(self._channels[topic], t_ns, data, t_ns, k)
+        self._count()
+
+    def _count(self) -> None:
         self._n_scans += 1
         if self._n_scans % self._chunk_scans == 0:
             self._writer.flush()  # type: ignore[no-untyped-call]

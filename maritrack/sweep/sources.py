@@ -7,15 +7,16 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 
 from maritrack.errors import InputError, UsageError
 from maritrack.io import sniff
 from maritrack.io.octets import octets_from_file
-from maritrack.io.remote import exists, is_url, octets_from_url, read_url
+from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_url, size_of
 from maritrack.io.source import Octets
 from maritrack.io.truth import truth_names
-from maritrack.recording import kinds_of, side_documents
+from maritrack.recording import PRESET_OF_KIND, kinds_of, side_documents
 from maritrack.simulate.record import simulate
 from maritrack.simulate.scenes import load_scene, scene_names
 
@@ -70,6 +71,45 @@ def named(
         )
         for i, (name, scene) in enumerate(zip(names, scenes, strict=True))
     )  # fmt: skip
+
+
+def recordings(places: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Recordings in folders, of patterns (`radar/*.cat240`, of URLs as well) and by name; and files that are none.
+
+    What lies in a folder is told by content; truth that lies beside a recording is no recording. UsageError where a
+    place holds none.
+    """
+    found: list[str] = []
+    others: list[str] = []
+    for place in places:
+        if is_url(place):
+            names = matching(place) if "*" in place else [place]
+        elif Path(place).is_dir():
+            files = sorted(str(path) for path in Path(place).iterdir() if path.is_file())
+            beside = {str(Path(file).with_name(name)) for file in files for name in truth_names(Path(file).name)}
+            names = [file for file in files if file not in beside and _is_recording(file)]
+            others += [file for file in files if file not in names]
+        else:
+            names = [place] if Path(place).exists() or not set(place) & set("*?[") else sorted(glob(place))
+        if not names:
+            raise UsageError(f"{place}: no recording there")
+        found += names
+    return list(dict.fromkeys(found)), others
+
+
+def _is_recording(name: str) -> bool:
+    try:
+        return kinds_of([octets_from_file(Path(name), "")])[0] in PRESET_OF_KIND
+    except InputError:
+        return False
+
+
+def octets_in(source: Source) -> int:
+    """Size of a recording, -1 where nobody tells it."""
+    try:
+        return size_of(source.name) if is_url(source.name) else Path(source.name).stat().st_size
+    except (OSError, InputError):
+        return -1
 
 
 def examine(source: Source) -> Known:

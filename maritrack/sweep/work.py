@@ -74,7 +74,7 @@ def lost(piece: Piece) -> list[Done]:
 
 def failed(run: Run, error: str) -> Done:
     """The row of a run that came to nothing."""
-    return Done(_row(run) | {"metrics": {}, "counts": {}, "error": error}, {})
+    return Done(row_of(run) | {"metrics": {}, "counts": {}, "error": error}, {})
 
 
 def _run(run: Run, found: Opened, keep: str) -> Done:
@@ -91,7 +91,7 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
         return failed(run, told(error))
     if summary["interrupted"]:
         raise KeyboardInterrupt
-    return Done(_row(run) | results(summary), summary["timing"])
+    return Done(row_of(run) | results(summary), summary["timing"])
 
 
 def results(summary: Mapping[str, Any]) -> Row:
@@ -108,7 +108,8 @@ def results(summary: Mapping[str, Any]) -> Row:
     return {"metrics": {**summary["metrics"], **held}, "counts": {**counts, "warnings": warnings}, "error": ""}
 
 
-def _row(run: Run) -> Row:
+def row_of(run: Run) -> Row:
+    """Who a run is: the part of its row that is known before it runs."""
     config = run.config
     return {
         "run_id": run.run_id,

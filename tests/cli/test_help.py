@@ -13,7 +13,7 @@ from tests.cli.calling import call, spawn
 
 COMMANDS = (
     "process", "replay", "diff", "score", "simulate", "show", "export", "dump", "convert", "record", "play", "papers",
-    "reproduce", "sweep", "table",
+    "reproduce", "sweep", "batch", "table",
 )  # fmt: skip
 HEAVY = ("numpy", "scipy", "sklearn", "rerun", "mcap", "google.protobuf", "pymap3d")
 

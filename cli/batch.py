@@ -1,0 +1,82 @@
+"""`maritrack batch`: many recordings, long ones in segments."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from . import options as opt
+from . import render
+from .sweep import GRID, tell
+
+HELP = """Many recordings: a folder, a pattern, URLs. One table holds what came of them, as of `maritrack sweep`.
+
+A recording longer than --segment is run in segments of equal length, at the same time where there are cores, and
+joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn what the run in one piece knows by then;
+tracks that are alive at a seam keep their ids. Runs joined so differ a little from those in one piece, most just behind
+a seam: summary.json says how many tracks were alive at each and how many kept their ids. --segment 0 splits nothing.
+
+Examples:
+
+    maritrack batch campaign/ -o results
+
+    maritrack batch 'radar/2026-*.cat240' --segment 30 --grid tracker=sprt,jipda -o results
+
+    maritrack batch 's3://bucket/day-*.cat240' --scheduler tcp://10.0.0.1:8786 -o /shared/results
+"""
+SEGMENT = "Minutes; longer recordings are split. 0 = none is."
+OVERLAP = "Seconds before a segment counts; by default as long as the settings remember."
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(name="batch", help=HELP)(batch)
+
+
+def batch(
+    places: Annotated[list[str], typer.Argument(help="Folders, patterns, recordings, URLs.", show_default=False)],
+    *,
+    out: opt.SweepOut,
+    grid: Annotated[list[str] | None, opt.method("--grid", GRID)] = None,
+    preset: opt.Preset = "",
+    config: opt.ConfigFile = None,
+    sets: opt.Sets = None,
+    moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
+    truth: opt.Truths = None,
+    own_ship: opt.OwnShips = None,
+    segment: Annotated[float, opt.method("--segment", SEGMENT)] = 60.0,
+    overlap: Annotated[float | None, opt.method("--overlap", OVERLAP)] = None,
+    workers: opt.AllWorkers = 0,
+    scheduler: opt.Scheduler = "",
+    archive: Annotated[bool, opt.output("--archive", "Keep run.mcap of short recordings as well.")] = False,
+    retry: opt.Retry = False,
+    json_: opt.Json = False,
+    quiet: opt.Quiet = False,
+) -> None:  # fmt: skip
+    """Parse, plan, run, render."""
+    from maritrack.errors import UsageError
+    from maritrack.sweep.batch import Cut
+    from maritrack.sweep.batch import batch as run_all
+    from maritrack.sweep.plan import Settings, parse_axes, plan
+    from maritrack.sweep.sources import named, octets_in, recordings
+
+    if segment < 0 or (overlap is not None and overlap < 0):
+        raise UsageError("--segment and --overlap must not be negative")
+    names, others = recordings(places)
+    if others:
+        render.note(f"note: {len(others)} files are no recordings: {others[0]}, ...", quiet=quiet)
+    sources = named(names, truth=truth or (), own_ship=own_ship or ())
+    over: dict[str, Any] = {"score": {"moving_only": True}} if moving else {}
+    processes = opt.processes(workers)
+    settings = Settings(preset=preset, file=config, sets=sets or (), over=over)
+    runs = plan(
+        sources, axes=parse_axes(grid or ()), seeds=(), settings=settings, workers=processes, scheduler=scheduler
+    )  # fmt: skip
+    sizes = {source.name: octets_in(source) for source in sources} if segment else {}
+    cut = Cut(segment_s=60.0 * segment, overlap_s=-1.0 if overlap is None else overlap)
+    with render.runs(quiet=quiet) as tick:
+        found = run_all(
+            runs, out, cut, sizes=sizes, workers=processes, scheduler=scheduler, keep=archive, retry=retry, tick=tick
+        )  # fmt: skip
+    tell(found, out, json_=json_)

@@ -1,0 +1,161 @@
+"""The segments of a recording joined into one archive and one summary, as of a run in one piece."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maritrack.chain import build_chain, reported
+from maritrack.detect.cells import empty_points
+from maritrack.errors import FAILURES, InputError, told
+from maritrack.io.archive import Stored, assemble_scan, iter_messages, read_archive
+from maritrack.io.messages import OUTPUTS, decode_log, encode_log, encode_tracks
+from maritrack.job import MCAP, SUMMARY
+from maritrack.metrics.scores import ScoreSums
+from maritrack.run import Tally, summarise
+from maritrack.sinks.mcap import McapSink
+from maritrack.sinks.summary import write_summary
+from maritrack.sweep.plan import Run
+from maritrack.sweep.seams import Names, Seam, kept, seams
+from maritrack.sweep.segments import Segment, damage_of, paths, read_report
+from maritrack.types import Damage, Event, Frame, Result, Tracks, take
+
+NAMED = re.compile(r"track (\d+) ")  # the beginning of a line of the log about a track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Join:
+    """Segments that have all been run, to be joined by a worker."""
+
+    run: Run
+    run_id: str  # of the joined run
+    joined: str  # how, in a line
+    segments: tuple[Segment, ...]
+    folder: str  # of the segments
+    out: str  # folder of the joined run
+
+
+def join(job: Join) -> Mapping[str, Any] | str:
+    """Write archive and summary of the joined run; the summary, or why that failed."""
+    try:
+        return _join(job)
+    except FAILURES as error:
+        return told(error)
+
+
+def _join(job: Join) -> Mapping[str, Any]:
+    folder, out, config = Path(job.folder), Path(job.out), job.run.config
+    assert config is not None
+    out.mkdir(parents=True, exist_ok=True)
+    found, names = seams(folder, job.segments)
+    first = read_archive(paths(folder, job.segments[0].number)[0])
+    manifest = replace(first.manifest, run_id=job.run_id, joined=job.joined, recording=Path(job.run.source.name).stem)
+    sink = McapSink(
+        out / MCAP,
+        full=False,
+        side=first.side,
+        chunk_scans=config.output.chunk_scans,
+        points=config.output.archive_points,
+    )
+    reports = [report for one in job.segments if (report := read_report(folder, one.number)) is not None]
+    tally = Tally(ScoreSums(), config.score.hold_m)
+    for damage in damage_of(reports):
+        _note(tally, damage)
+    sink.open(manifest)
+    try:
+        for segment, own in zip(job.segments, names, strict=True):
+            for parts in _scans(paths(folder, segment.number)[0], segment):
+                named = [_named(message, own) for message in parts]
+                sink.copy(parts[0].k, parts[0].t_ns, [(message.topic, message.data) for message in named])
+                result = _result(named)
+                tally.add(result, reported(result.tracks, config))
+        summary = summarise(tally, build_chain(config), manifest, sum(r["timing"]["total_s"] for r in reports), False)
+        scans = sum(r["scans"] for r in reports)
+        stages = [name for name in summary["timing"] if name != "total_s"]
+        for name in stages:  # of all scans that were worked on, those of the overlaps included
+            summary["timing"][name] = sum(r["timing"][name] * r["scans"] for r in reports) / max(tally.frames, 1)
+        summary["segments"] = _told(job, found) | {"scans_with_overlaps": scans}
+        sink.close(summary)
+    except BaseException:
+        sink.abort()
+        raise
+    summary["outputs"] = {"mcap": str(out / MCAP), "summary": str(out / SUMMARY)}
+    write_summary(out / SUMMARY, summary)
+    return summary
+
+
+def _note(tally: Tally, damage: Damage) -> None:
+    tally.note(damage)
+    key = f"{damage.sensor or '-'}:{damage.code}"
+    tally.damage_sensor[key] = tally.damage_sensor.get(key, 0) + damage.count
+
+
+def _scans(archive: Path, segment: Segment) -> Iterator[list[Stored]]:
+    """The messages of each scan of a segment that counts."""
+    parts: list[Stored] = []
+    for message in iter_messages(archive, OUTPUTS):
+        if parts and message.k != parts[0].k:
+            yield parts
+            parts = []
+        if segment.begin <= message.k < segment.end:
+            parts.append(message)
+    if parts:
+        yield parts
+
+
+def _named(message: Stored, names: Names) -> Stored:
+    """A message with the ids of the whole run: of tracks, and of the log about them."""
+    if message.topic == "/tracks":
+        from maritrack.io.messages import decode_tracks
+
+        return message._replace(data=encode_tracks(renamed(decode_tracks(message.data), names)))
+    if message.topic == "/log":
+        event = decode_log(message.data)
+        about = NAMED.match(event.message) if event.stage == "track" else None
+        if about is not None:
+            i = names.of(int(about[1])) or int(about[1])
+            line = f"track {i} {event.message[about.end() :]}"
+            scan_ns = message.t_ns
+            return message._replace(data=encode_log(Event(event.level, event.stage, line), t_ns=scan_ns))
+    return message
+
+
+def renamed(tracks: Tracks, names: Names) -> Tracks:
+    """The tracks with their ids in the whole run, ordered by them."""
+    ids = np.array([names.of(i) for i in tracks.id.tolist()], np.int64)
+    order = np.argsort(ids, kind="stable")
+    contours = tuple(tracks.contour_m[i] for i in order.tolist()) if tracks.contour_m else ()
+    return replace(take(replace(tracks, id=ids), order), contour_m=contours)
+
+
+def _result(parts: Sequence[Stored]) -> Result:
+    """What a scan's messages say, for the sums of the summary."""
+
+    def refuse(damage: Damage) -> None:
+        raise InputError(f"a segment is damaged: {damage.message}")
+
+    scan = next(assemble_scan(parts, refuse))
+    points, keep = scan.points, scan.keep
+    if points is None or keep is None:
+        points, keep = empty_points(), np.zeros(0, bool)
+    frame = Frame(scan.k, scan.scan, scan.truth)
+    return Result(frame, points, keep, scan.clusters, scan.tracks, scan.scores, scan.events, {})
+
+
+def _told(job: Join, found: Sequence[Seam]) -> dict[str, Any]:
+    alive, same = kept(found)
+    return {
+        "joined": job.joined,
+        "tracks_at_seams": alive,
+        "tracks_kept": same,
+        "seams": [
+            {"scan": s.scan, "tracks": s.before, "kept": s.joined, "ended": s.ended, "begun": s.begun,
+             "apart_m": s.apart_m}
+            for s in found
+        ],
+    }  # fmt: skip

@@ -1,0 +1,244 @@
+"""A long recording in segments: where its turns begin, which turns a segment has, and the run of one of them.
+
+A segment begins with an overlap before its first turn that counts, to learn what the run in one piece knew by then: the
+background, the clutter, the tracks, and which tracks on land and at berths the background has taken and ended. How long
+that takes is a matter of the memories in the settings (`overlap_of`). To learn the background alone first does not do:
+without tracks nothing under way is spared, slow ships become background, and their tracks start late.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maritrack.chain import build_chain
+from maritrack.errors import FAILURES, InputError, UsageError, told
+from maritrack.io.containers.kinds import RAW, container_of
+from maritrack.io.octets import HEAD, FileChunks
+from maritrack.io.remote import UrlChunks, is_url
+from maritrack.io.source import Octets
+from maritrack.manifest import code_digest, make_manifest
+from maritrack.recording import Recording, open_recording
+from maritrack.run import run
+from maritrack.sinks.mcap import McapSink
+from maritrack.sinks.summary import json_octets
+from maritrack.sweep.plan import Run
+from maritrack.sweep.sources import Opened, opened
+from maritrack.types import Damage, Frame, IntArray, RunManifest
+
+FORGOTTEN = 3.0  # time constants after which a memory has forgotten what it did not see
+TURN_S, CLUTTER_SCANS = 2.5, 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Index:
+    """The scans of a recording."""
+
+    t_ns: IntArray  # (n,)
+    begin: IntArray  # (n,) octet of the input where what belongs to the scan begins; -1 = it can't be read from there
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Scans of a recording that are run together."""
+
+    number: int
+    first: int  # scan with which the overlap begins
+    begin: int  # first scan that counts
+    end: int  # the scan after the last
+    octet: int  # where to read from
+    t_ns: int  # of the scan `first`, which tells whether reading from there gives the same scans
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A segment of a run, to be run by a worker."""
+
+    run: Run
+    segment: Segment
+    folder: str  # as the workers see it
+    code_sha256: str
+
+
+@dataclass(slots=True)
+class _Log:
+    """Damage of the scans that count, noted while frames pass."""
+
+    damage: list[Damage] = field(default_factory=list)
+
+
+def overlap_of(run: Run) -> float:
+    """Seconds that a segment of this run needs before it counts; turns are taken for 2.5 s long.
+
+    Three time constants of clutter and of the judgement of motion. With background subtraction two half-lives of it,
+    and the time for which a track that it has taken is kept: by then what it took at the beginning has ended.
+    """
+    config = run.config
+    if config is None:
+        return 0.0
+    map_s = config.clutter_map.memory_s if config.clutter_map.method != "none" else 0.0
+    tracks_s = FORGOTTEN * max(CLUTTER_SCANS * TURN_S, config.tracker.moving_time_constant_s, map_s)
+    rules = config.subtract
+    if rules.method == "none":
+        return tracks_s
+    scans = rules.half_life_scans or math.log(0.5) / math.log(rules.learning_rate)
+    return max(tracks_s, 2.0 * (rules.half_life_s or TURN_S * scans) + config.tracker.stationary_s)
+
+
+def index(run: Run) -> Index | str:
+    """The scans of a run's recording, which is read once; or why that failed."""
+    config = run.config
+    if config is None or not (config.input.from_s == 0 and math.isinf(config.input.to_s) and config.input.limit == 0):
+        return "a part of a recording is not split: leave out --from, --to and --limit"
+    try:
+        with opened(run.source, seed=run.seed) as found:
+            recording = open_recording([found.octets], [found.kind], found.side, config)
+            seekable = found.kind == "cat240" and container_of(found.octets.head) == RAW and _is_raw(found.octets.head)
+            times, begins, at = [], [], 0
+            for frame in recording.frames:
+                times.append(frame.t_ns)
+                begins.append(at if seekable else -1)
+                at += sum(len(octets) for _, octets in frame.inputs)
+            return Index(np.array(times, np.int64), np.array(begins, np.int64))
+    except FAILURES as error:
+        return told(error)
+
+
+def _is_raw(head: bytes) -> bool:
+    """Neither compressed nor framed: what begins at a turn reads as the whole does from there on."""
+    return head[:1] == b"\xf0"
+
+
+def split(found: Index, *, segment_s: float, overlap_s: float) -> list[Segment]:
+    """Segments of equal length, at most `segment_s` each; one where the recording is no longer than that."""
+    t = found.t_ns
+    if len(t) == 0:
+        return []
+    span_s = float(t.max() - t[0]) * 1e-9
+    n = max(1, math.ceil(span_s / segment_s - 1e-9))
+    at_ns = t[0] + np.rint(np.arange(n) * (span_s / n) * 1e9).astype(np.int64)
+    ordered = np.maximum.accumulate(t)  # a clock that steps back doesn't reorder scans
+    begin = np.searchsorted(ordered, at_ns)
+    first = np.searchsorted(ordered, np.maximum(at_ns - round(overlap_s * 1e9), t[0]))
+    end = np.append(begin[1:], len(t))
+    rows = [i for i in range(n) if begin[i] < end[i]]
+    return [
+        Segment(number, *(int(column[i]) for column in (first, begin, end, found.begin[first], t[first])))
+        for number, i in enumerate(rows)
+    ]
+
+
+def paths(folder: Path, number: int) -> tuple[Path, Path]:
+    """Archive and report of a segment; the report is written last."""
+    return folder / f"{number:04d}.mcap", folder / f"{number:04d}.json"
+
+
+def run_segment(task: Task) -> str:
+    """Run a segment into its folder; "" or why that failed."""
+    if task.code_sha256 != code_digest():
+        raise UsageError("a worker has other code than this process", hint="install the same version on all machines")
+    try:
+        with opened(task.run.source, seed=task.run.seed) as found:
+            frames = _same_frames(task, found) if task.segment.octet > 0 else None
+            return _run(task, found, frames)
+    except FAILURES as error:
+        return told(error)
+
+
+def _same_frames(task: Task, found: Opened) -> bool:
+    """Whether reading from the segment's octet begins with its first scan."""
+    try:
+        frame = next(iter(_recording(task, found, seek=True).frames), None)
+    except FAILURES:
+        return False
+    return frame is not None and frame.t_ns == task.segment.t_ns
+
+
+def _recording(task: Task, found: Opened, *, seek: bool) -> Recording:
+    octets, config = found.octets, task.run.config
+    assert config is not None
+    if seek:
+        begin, name = task.segment.octet, task.run.source.name
+        chunks: Any = UrlChunks(name, begin) if is_url(name) else FileChunks(Path(octets.name), begin)
+        head = next(iter(chunks), b"")[:HEAD]
+        octets = Octets(octets.name, octets.channel, chunks, head, octets.size - begin if octets.size >= 0 else -1)
+    return open_recording([octets], [found.kind], found.side, config)
+
+
+def _run(task: Task, found: Opened, seek: bool | None) -> str:
+    config, segment, log = task.run.config, task.segment, _Log()
+    assert config is not None
+    folder = Path(task.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    archive, report = paths(folder, segment.number)
+    recording = _recording(task, found, seek=bool(seek))
+    reference = recording.reference
+    frames = _window(recording.frames, segment, log, skip=0 if seek else segment.first)
+    chain = build_chain(config, unexplained=reference is not None and not reference.complete)
+    sink = McapSink(
+        archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans, points=config.output.archive_points
+    )
+    manifest = manifest_of(task.run, found, recording)
+    summary = run(frames, chain, [sink], manifest, reference=reference)
+    if summary["interrupted"]:
+        raise KeyboardInterrupt
+    if summary["counts"]["scans"] != segment.end - segment.first:
+        raise InputError(f"{found.octets.name}: read otherwise than when it was split")
+    told_damage = [asdict(damage) for damage in (*(recording.damage if segment.number == 0 else ()), *log.damage)]
+    shift = segment.octet if seek else 0
+    moved = [one | {"offset": one["offset"] + shift if one["offset"] >= 0 else -1} for one in told_damage]
+    _replace(report, json_octets({"damage": moved, "timing": summary["timing"], "scans": summary["counts"]["scans"]}))
+    return ""
+
+
+def manifest_of(run_: Run, found: Opened, recording: Recording) -> RunManifest:
+    """The manifest of the run in one piece."""
+    assert run_.config is not None
+    return make_manifest(
+        run_.config, input_sha256=(run_.input_sha256,), input_kind=(found.kind,), side=found.side,
+        origin=recording.origin, recording=Path(run_.source.name).stem,
+    )  # fmt: skip
+
+
+def _window(frames: Iterator[Frame], segment: Segment, log: _Log, *, skip: int) -> Iterator[Frame]:
+    """The frames of a segment with their numbers in the recording; what was wrong is noted where it counts."""
+    for i, frame in enumerate(frames):
+        k = segment.first + i - skip
+        if k >= segment.end:
+            return
+        if k >= segment.begin:
+            log.damage.extend(frame.damage)
+        if i >= skip:
+            yield replace(frame, k=k, inputs=())
+
+
+def read_report(folder: Path, number: int) -> Mapping[str, Any] | None:
+    """The report of a segment that has been run, None where it has not."""
+    archive, report = paths(folder, number)
+    try:
+        document = json.loads(report.read_bytes())
+    except (OSError, ValueError):
+        return None
+    return document if isinstance(document, dict) and archive.is_file() else None
+
+
+def damage_of(reports: Sequence[Mapping[str, Any]]) -> Iterator[Damage]:
+    """What was wrong with the recording, in its order."""
+    for report in reports:
+        yield from (Damage(**one) for one in report["damage"])
+
+
+def _replace(path: Path, octets: bytes) -> None:
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(octets)
+    os.replace(partial, path)

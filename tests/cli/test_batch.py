@@ -1,0 +1,47 @@
+"""`maritrack batch` as from a shell."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.cli.calling import call
+from tests.shared import ROOT
+
+SAMPLES = ROOT / "data" / "samples"
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """A folder with two recordings, their truth, and what else lies in folders."""
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    for name in ("autoferry13_detections.json", "autoferry13_groundTruth.json", "autoferry13_NOTICE.md"):
+        shutil.copy(SAMPLES / name, folder)
+    text = json.loads((folder / "autoferry13_detections.json").read_text())
+    (folder / "b_detections.json").write_text(json.dumps(text[: len(text) // 2]))
+    return folder
+
+
+def test_a_folder_is_a_campaign(campaign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = call("batch", campaign, "-o", out, "--workers", "1", "--json")
+    assert done.code == 0 and [Path(row["input"]).name for row in done.json["rows"]] == [
+        "autoferry13_detections.json", "b_detections.json"
+    ]  # fmt: skip
+    first, second = done.json["rows"]
+    assert first["metrics"]["n_truth"] > 0 and second["metrics"]["n_truth"] is None
+    assert "2 files are no recordings" in done.err
+    again = call("batch", str(campaign / "*_detections.json"), "-o", out, "--workers", "1", "--json").json
+    assert (again["runs"], again["reused"]) == (2, 2)
+    assert call("table", out, "--by", "input").code == 0
+
+
+def test_places_without_a_recording_are_wrong_use(campaign: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for place in (tmp_path / "empty", campaign / "*.cat240"):
+        assert "no recording there" in call("batch", place, "-o", tmp_path / "o").error
+    assert call("batch", campaign, "-o", tmp_path / "o", "--segment", "-1").code == 2
