@@ -56,6 +56,7 @@ def show_archive(path: Path) -> dict[str, Any]:
         "interrupted": bool(archive.summary.get("interrupted")), "run_id": manifest.run_id,
         "tracker": manifest.tracker, "preset": manifest.preset, "seed": manifest.seed,
         "offline": bool(manifest.smoothed_from), "smoothed_from": manifest.smoothed_from or None,
+        "joined": manifest.joined or None,
         "inputs": [
             {"kind": kind, "sha256": digest, "channel": channel, "archived": archive.full}
             for kind, digest, channel in zip(manifest.input_kind, manifest.input_sha256, archive.inputs, strict=True)

@@ -56,22 +56,22 @@ def sweep(
 def _sweep(
     runs: Sequence[Run], out: Path, workers: int, scheduler: str, keep: bool, retry: bool, tick: Tick | None
 ) -> Outcome:
-    rows: dict[str, Row] = {}
+    done: dict[str, bool] = {}  # by run: whether it failed; rows are left on the disk until the table is made
     for run in runs:
         old = read_row(out, run.run_id)
         lacks = keep and old is not None and not old["error"] and not (out / RUNS / run.run_id[:16]).is_dir()
         if old is not None and not lacks and not (retry and old["error"]):
-            rows[run.run_id] = old
-    reused, failed = len(rows), sum(bool(row["error"]) for row in rows.values())
-    left = pieces([run for run in runs if run.run_id not in rows], keep=str((out / RUNS).resolve()) if keep else "")
+            done[run.run_id] = bool(old["error"])
+    reused, failed = len(done), sum(done.values())
+    left = pieces([run for run in runs if run.run_id not in done], keep=str((out / RUNS).resolve()) if keep else "")
     try:
         for _, answer in fan_out(work, left, workers=workers, scheduler=scheduler, lost=lost):
-            for done in answer:
-                write_row(out, done)
-                rows[done.row["run_id"]] = done.row
-                failed += bool(done.row["error"])
+            for one in answer:
+                write_row(out, one)
+                done[one.row["run_id"]] = bool(one.row["error"])
+                failed += bool(one.row["error"])
             if tick is not None:
-                tick(len(rows), failed, len(runs))
+                tick(len(done), failed, len(runs))
     finally:  # also of one that was interrupted: what is done is in the table
         found = [row for run in runs if (row := read_row(out, run.run_id)) is not None]
         outputs: dict[str, Any] = write_table(out, found) if found else {}

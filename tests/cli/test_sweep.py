@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
-from tests.cli.calling import call
+from tests.cli.calling import call, start
 from tests.shared import ROOT
 
 FERRY = ROOT / "data" / "samples" / "autoferry13_detections.json"
@@ -59,3 +60,17 @@ def test_wrong_use_is_one_line(study: Path, tmp_path: Path) -> None:
 def test_seeds_of_a_recording_are_said_to_change_nothing(tmp_path: Path) -> None:
     done = call("sweep", FERRY, "--seeds", "0:1", "--limit", "2", "-o", tmp_path, "--workers", "1")
     assert done.code == 0 and "no tracker draws random numbers" in done.err
+
+
+def test_a_sweep_that_was_killed_goes_on(tmp_path: Path) -> None:
+    command = ("sweep", FERRY, "--grid", "model.p_detect=0.5:0.9:0.02", "-o", tmp_path, "--workers", "1", "--json")
+    with start(*command) as process:
+        while len(list(tmp_path.glob("rows/*.json"))) < 2 and process.poll() is None:
+            time.sleep(0.02)
+        process.kill()
+        process.wait()
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("rows/*.json")}
+    assert 2 <= len(before) < 21
+    again = call(*command).json
+    assert (again["runs"], again["reused"], again["failed"]) == (21, len(before), 0)
+    assert all((tmp_path / "rows" / name).stat().st_mtime_ns == at for name, at in before.items())
