@@ -14,16 +14,26 @@ from maritrack.chain import build_chain, reported
 from maritrack.detect.cells import empty_points
 from maritrack.errors import FAILURES, InputError, told
 from maritrack.io.archive import Stored, assemble_scan, iter_messages, read_archive
-from maritrack.io.messages import OUTPUTS, decode_log, encode_log, encode_tracks
+from maritrack.io.messages import (
+    OUTPUTS,
+    decode_log,
+    decode_scores,
+    decode_tracks,
+    decode_truth,
+    encode_log,
+    encode_scores,
+    encode_tracks,
+)
 from maritrack.job import MCAP, SUMMARY
-from maritrack.metrics.scores import ScoreSums
+from maritrack.metrics.scores import ScoreSums, score_frame
 from maritrack.run import Tally, summarise
+from maritrack.settings import Config
 from maritrack.sinks.mcap import McapSink
 from maritrack.sinks.summary import write_summary
 from maritrack.sweep.plan import Run
 from maritrack.sweep.seams import Names, Seam, kept, seams
 from maritrack.sweep.segments import Segment, damage_of, paths, read_report
-from maritrack.types import Damage, Event, Frame, Result, Tracks, take
+from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Damage, Event, Frame, Result, Tracks, take
 
 NAMED = re.compile(r"track (\d+) ")  # the beginning of a line of the log about a track
 
@@ -70,7 +80,7 @@ def _join(job: Join) -> Mapping[str, Any]:
     try:
         for segment, own in zip(job.segments, names, strict=True):
             for parts in _scans(paths(folder, segment.number)[0], segment):
-                named = [_named(message, own) for message in parts]
+                named = _named(parts, own, config)
                 sink.copy(parts[0].k, parts[0].t_ns, [(message.topic, message.data) for message in named])
                 result = _result(named)
                 tally.add(result, reported(result.tracks, config))
@@ -108,29 +118,49 @@ def _scans(archive: Path, segment: Segment) -> Iterator[list[Stored]]:
         yield parts
 
 
-def _named(message: Stored, names: Names) -> Stored:
-    """A message with the ids of the whole run: of tracks, and of the log about them."""
-    if message.topic == "/tracks":
-        from maritrack.io.messages import decode_tracks
+def _named(parts: Sequence[Stored], names: Names, config: Config) -> list[Stored]:
+    """The messages of a scan with the ids of the whole run: of tracks, and of the log about them.
 
-        return message._replace(data=encode_tracks(renamed(decode_tracks(message.data), names)))
-    if message.topic == "/log":
-        event = decode_log(message.data)
-        about = NAMED.match(event.message) if event.stage == "track" else None
-        if about is not None:
-            i = names.of(int(about[1])) or int(about[1])
-            line = f"track {i} {event.message[about.end() :]}"
-            scan_ns = message.t_ns
-            return message._replace(data=encode_log(Event(event.level, event.stage, line), t_ns=scan_ns))
-    return message
+    A track that was confirmed before the seam is so behind it, though its segment is not sure yet; then the scores of
+    the scan are made anew.
+    """
+    result = [_log_named(message, names) for message in parts]
+    at = {message.topic: i for i, message in enumerate(parts)}
+    own = decode_tracks(parts[at["/tracks"]].data)
+    tracks = renamed(own, names)
+    result[at["/tracks"]] = parts[at["/tracks"]]._replace(data=encode_tracks(tracks))
+    if np.count_nonzero(own.status == TENTATIVE) > np.count_nonzero(tracks.status == TENTATIVE):
+        message = parts[at["/scores"]]
+        scores = decode_scores(message.data)
+        truth = decode_truth(parts[at["/truth"]].data) if "/truth" in at else None
+        anew = score_frame(
+            truth, tracks, which=reported(tracks, config), c_m=config.score.c_m, p=config.score.p,
+            unexplained="gospa_unexplained" in scores,
+        )  # fmt: skip
+        result[at["/scores"]] = message._replace(data=encode_scores(scores | anew))
+    return result
+
+
+def _log_named(message: Stored, names: Names) -> Stored:
+    """A line of the log about a track, with its id in the whole run."""
+    if message.topic != "/log":
+        return message
+    event = decode_log(message.data)
+    about = NAMED.match(event.message) if event.stage == "track" else None
+    if about is None:
+        return message
+    line = f"track {names.of(int(about[1])) or about[1]} {event.message[about.end() :]}"
+    return message._replace(data=encode_log(Event(event.level, event.stage, line), t_ns=message.t_ns))
 
 
 def renamed(tracks: Tracks, names: Names) -> Tracks:
-    """The tracks with their ids in the whole run, ordered by them."""
+    """The tracks with their ids in the whole run, ordered by them; those confirmed before are confirmed."""
     ids = np.array([names.of(i) for i in tracks.id.tolist()], np.int64)
+    sure = (tracks.status == TENTATIVE) & np.isin(ids, np.fromiter(names.held, np.int64, len(names.held)))
+    status = np.where(sure, np.where(tracks.cluster >= 0, CONFIRMED, COASTED), tracks.status)
     order = np.argsort(ids, kind="stable")
     contours = tuple(tracks.contour_m[i] for i in order.tolist()) if tracks.contour_m else ()
-    return replace(take(replace(tracks, id=ids), order), contour_m=contours)
+    return replace(take(replace(tracks, id=ids, status=status), order), contour_m=contours)
 
 
 def _result(parts: Sequence[Stored]) -> Result:

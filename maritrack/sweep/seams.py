@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ class Seam:
 
     scan: int  # first behind the seam
     pairs: Mapping[int, int]  # id behind -> id before, of tracks alive in both
+    confirmed: frozenset[int]  # before
     before: int  # confirmed tracks alive in the last scan before the seam, by the segment before
     joined: int  # of these, those with a partner
     ended: int  # confirmed, without a partner behind
@@ -50,6 +51,7 @@ class Names:
     """Ids of a segment in the whole run."""
 
     known: Mapping[int, int]  # of tracks that are alive at its beginning
+    held: frozenset[int]  # in the whole run, of those that were confirmed before: they stay so
     top: int  # higher ids are of tracks born behind the seam ...
     shift: int  # ... and get so much more
 
@@ -85,9 +87,9 @@ def match(before: Tail, behind: Tail, seam: int) -> Seam:
              if near[i, j]}  # fmt: skip
     joined = set(pairs.values())
     return Seam(
-        scan=seam, pairs=pairs, before=len(held[0]), joined=sum(i in joined for i in held[0].tolist()),
-        ended=sum(i not in joined for i in held[0].tolist()), begun=sum(j not in pairs for j in held[1].tolist()),
-        apart_m=_apart(last[0], last[1], pairs),
+        scan=seam, pairs=pairs, confirmed=frozenset(held[0].tolist()), before=len(held[0]),
+        joined=sum(i in joined for i in held[0].tolist()), ended=sum(i not in joined for i in held[0].tolist()),
+        begun=sum(j not in pairs for j in held[1].tolist()), apart_m=_apart(last[0], last[1], pairs),
     )  # fmt: skip
 
 
@@ -130,13 +132,14 @@ def seams(folder: Path, segments: Sequence[Segment]) -> tuple[list[Seam], list[N
     A track that only the segment behind a seam knows gets a number beyond all others, so that it shifts none of them.
     """
     found: list[Seam] = []
-    names = [Names({}, 0, 0)]
+    names = [Names({}, frozenset(), 0, 0)]
     for a, b in itertools.pairwise(segments):
         before, behind = tails(folder, a, b.begin), tails(folder, b, b.begin)
         seam = match(before, behind, b.begin)
         known = {j: names[-1].of(i) for j, i in seam.pairs.items()}
         top = max(before.top, names[-1].top) + names[-1].shift
-        names.append(Names(known, behind.top, top - behind.top))
+        held = {known[j] for j, i in seam.pairs.items() if i in seam.confirmed or known[j] in names[-1].held}
+        names.append(Names(known, frozenset(held), behind.top, top - behind.top))
         found.append(seam)
     last = tails(folder, segments[-1], segments[-1].end)
     return found, _strangers(folder, segments, names, max(last.top, names[-1].top) + names[-1].shift)
@@ -152,7 +155,7 @@ def _strangers(folder: Path, segments: Sequence[Segment], names: Sequence[Names]
             if local <= own.top and local not in known:
                 top += 1
                 known[local] = top
-        result.append(Names(known, own.top, own.shift))
+        result.append(replace(own, known=known))
     return result
 
 

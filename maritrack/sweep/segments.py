@@ -80,7 +80,7 @@ class _Log:
 def overlap_of(run: Run) -> float:
     """Seconds that a segment of this run needs before it counts; turns are taken for 2.5 s long.
 
-    Three time constants of clutter and of the judgement of motion. With background subtraction two half-lives of it,
+    Three time constants of clutter and of the judgement of motion. With background subtraction three half-lives of it,
     and the time for which a track that it has taken is kept: by then what it took at the beginning has ended.
     """
     config = run.config
@@ -92,7 +92,7 @@ def overlap_of(run: Run) -> float:
     if rules.method == "none":
         return tracks_s
     scans = rules.half_life_scans or math.log(0.5) / math.log(rules.learning_rate)
-    return max(tracks_s, 2.0 * (rules.half_life_s or TURN_S * scans) + config.tracker.stationary_s)
+    return max(tracks_s, FORGOTTEN * (rules.half_life_s or TURN_S * scans) + config.tracker.stationary_s)
 
 
 def index(run: Run) -> Index | str:

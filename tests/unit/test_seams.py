@@ -13,10 +13,12 @@ import pytest
 from maritrack.diff import diff
 from maritrack.io.archive import ArchivedScan, iter_results, read_archive
 from maritrack.job import Job, execute
+from maritrack.score import score
 from maritrack.simulate.record import simulate
 from maritrack.simulate.scenes import load_scene
 from maritrack.sweep import batch as batches
 from maritrack.sweep.batch import Cut, batch
+from maritrack.sweep.joining import renamed
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.seams import Names, Tail, match
 from maritrack.sweep.segments import Index, index, overlap_of, split
@@ -196,12 +198,27 @@ def test_a_track_that_was_only_passed_is_not_taken() -> None:
 
 
 def test_names_go_on_from_the_seam() -> None:
-    names = Names({2: 17, 5: 40}, top=6, shift=100)
+    names = Names({2: 17, 5: 40}, frozenset(), top=6, shift=100)
     assert [names.of(i) for i in (2, 5, 7, 9)] == [17, 40, 107, 109] and names.of(6) == 0
+
+
+def test_a_track_that_was_confirmed_stays_so() -> None:
+    behind = replace(tracks([2, 5, 7], [0, 1, 2]), status=np.array([0, 0, 0]), cluster=np.array([3, 4, 5]))
+    found = renamed(behind, Names({2: 40, 5: 17}, frozenset({17}), top=6, shift=100))
+    assert found.id.tolist() == [17, 40, 107] and found.status.tolist() == [CONFIRMED, 0, 0]
+    assert found.position_m[:, 0].tolist() == [1.0, 0.0, 2.0]
+
+
+def test_scores_of_a_joined_run_are_those_of_its_tracks(joined: Path) -> None:
+    again, _ = score(archive(joined))
+    told = json.loads((archive(joined).parent / "summary.json").read_text())
+    assert again["metrics"] == pytest.approx(told["metrics"])
+    rows = [[(o["id"], o["held"], o["switches"]) for o in document["objects"]] for document in (again, told)]
+    assert rows[0] == rows[1] and rows[0]
 
 
 def test_the_overlap_follows_from_the_memories() -> None:
     run = plan(named(["harbour"]), axes={}, seeds=(), settings=Settings(over={}))[0]
-    assert overlap_of(run) == pytest.approx(2 * 69 * 2.5 + 300.0)
+    assert overlap_of(run) == pytest.approx(3 * 69 * 2.5 + 300.0)
     plain = plan(named(["harbour"]), axes={}, seeds=(), settings=Settings(preset="polar", over={}))[0]
     assert overlap_of(plain) == 3 * 50.0
