@@ -8,7 +8,7 @@ import typer
 
 from . import options as opt
 from . import render
-from .sweep import GRID, tell
+from .sweep import GRID, note_doubles, tell
 
 HELP = """Many recordings: a folder, a pattern, URLs. One table holds what came of them, as of `maritrack sweep`.
 
@@ -79,4 +79,5 @@ def batch(
         found = run_all(
             runs, out, cut, sizes=sizes, workers=processes, scheduler=scheduler, keep=archive, retry=retry, tick=tick
         )  # fmt: skip
+    note_doubles(sources, runs, quiet=quiet)
     tell(found, out, json_=json_)

@@ -71,9 +71,17 @@ def sweep(
         found = run_all(
             runs, out, workers=processes, scheduler=scheduler, keep=archive, retry=retry, tick=tick
         )  # fmt: skip
+    note_doubles(sources, runs, quiet=quiet)
     if len(chosen) > 1 and not all(source.scene for source in sources):
         render.note("note: no tracker draws random numbers: a recording gives the same with every seed", quiet=quiet)
     tell(found, out, json_=json_)
+
+
+def note_doubles(sources: Any, runs: Any, *, quiet: bool) -> None:
+    """Say so where an input has no row of its own."""
+    n = len(sources) - len({run.source for run in runs})
+    if n:
+        render.note(f"note: {n} inputs have the content of another one, which has the row", quiet=quiet)
 
 
 def tell(found: Any, out: Path, *, json_: bool) -> None:

@@ -13,6 +13,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -149,19 +150,22 @@ def run_segment(task: Task) -> str:
         raise UsageError("a worker has other code than this process", hint="install the same version on all machines")
     try:
         with opened(task.run.source, seed=task.run.seed) as found:
-            frames = _same_frames(task, found) if task.segment.octet > 0 else None
-            return _run(task, found, frames)
+            return _run(task, found)
     except FAILURES as error:
         return told(error)
 
 
-def _same_frames(task: Task, found: Opened) -> bool:
-    """Whether reading from the segment's octet begins with its first scan."""
-    try:
-        frame = next(iter(_recording(task, found, seek=True).frames), None)
-    except FAILURES:
-        return False
-    return frame is not None and frame.t_ns == task.segment.t_ns
+def _positioned(task: Task, found: Opened) -> tuple[Recording, bool]:
+    """The recording from the segment's octet on, if reading there begins with its first scan; else all of it."""
+    if task.segment.octet > 0:
+        try:
+            recording = _recording(task, found, seek=True)
+            first = next(recording.frames, None)
+        except FAILURES:
+            first = None
+        if first is not None and first.t_ns == task.segment.t_ns:
+            return replace(recording, frames=chain([first], recording.frames)), True
+    return _recording(task, found, seek=False), False
 
 
 def _recording(task: Task, found: Opened, *, seek: bool) -> Recording:
@@ -175,21 +179,21 @@ def _recording(task: Task, found: Opened, *, seek: bool) -> Recording:
     return open_recording([octets], [found.kind], found.side, config)
 
 
-def _run(task: Task, found: Opened, seek: bool | None) -> str:
+def _run(task: Task, found: Opened) -> str:
     config, segment, log = task.run.config, task.segment, _Log()
     assert config is not None
     folder = Path(task.folder)
     folder.mkdir(parents=True, exist_ok=True)
     archive, report = paths(folder, segment.number)
-    recording = _recording(task, found, seek=bool(seek))
+    recording, seek = _positioned(task, found)
     reference = recording.reference
     frames = _window(recording.frames, segment, log, skip=0 if seek else segment.first)
-    chain = build_chain(config, unexplained=reference is not None and not reference.complete)
+    stages = build_chain(config, unexplained=reference is not None and not reference.complete)
     sink = McapSink(
         archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans, points=config.output.archive_points
     )
     manifest = manifest_of(task.run, found, recording)
-    summary = run(frames, chain, [sink], manifest, reference=reference)
+    summary = run(frames, stages, [sink], manifest, reference=reference)
     if summary["interrupted"]:
         raise KeyboardInterrupt
     if summary["counts"]["scans"] != segment.end - segment.first:

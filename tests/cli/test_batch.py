@@ -45,3 +45,15 @@ def test_places_without_a_recording_are_wrong_use(campaign: Path, tmp_path: Path
     for place in (tmp_path / "empty", campaign / "*.cat240"):
         assert "no recording there" in call("batch", place, "-o", tmp_path / "o").error
     assert call("batch", campaign, "-o", tmp_path / "o", "--segment", "-1").code == 2
+
+
+def test_patterns_of_urls_find_recordings(tmp_path: Path) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    octets = (SAMPLES / "autoferry13_detections.json").read_bytes()
+    for name in ("a.json", "b.json"):
+        with fsspec.open(f"memory://campaign/{name}", "wb") as file:
+            file.write(octets)
+    done = call("batch", "memory://campaign/*.json", "-o", tmp_path, "--workers", "1", "--json")
+    assert done.code == 0, done.err
+    assert [row["input"] for row in done.json["rows"]] == ["memory://campaign/a.json"]
+    assert "1 inputs have the content of another one" in done.err

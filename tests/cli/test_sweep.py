@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import time
 from pathlib import Path
 
 import pytest
+from maritrack_cli import render
 
 from tests.cli.calling import call, start
 from tests.shared import ROOT
@@ -74,3 +77,24 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path) -> None:
     again = call(*command).json
     assert (again["runs"], again["reused"], again["failed"]) == (21, len(before), 0)
     assert all((tmp_path / "rows" / name).stat().st_mtime_ns == at for name, at in before.items())
+
+
+class Terminal(io.StringIO):
+    """Standard error of somebody who looks at it."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_tells_done_failed_rate_and_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    with render.runs(quiet=False) as tick:
+        tick(31, 1, 40)  # thirty were finished before
+        tick(32, 1, 40)
+    assert "runs 32 of 40  1 failed" in shown.getvalue() and "/s  " in shown.getvalue() and "s left" in shown.getvalue()
+    with render.runs(quiet=True) as tick:
+        assert tick is None
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with render.runs(quiet=False) as tick:
+        assert tick is None
