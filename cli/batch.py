@@ -16,6 +16,7 @@ A recording longer than --segment is run in segments of equal length, at the sam
 joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn what the run in one piece knows by then;
 tracks that are alive at a seam keep their ids. Runs joined so differ a little from those in one piece, most just behind
 a seam: summary.json says how many tracks were alive at each and how many kept their ids. --segment 0 splits nothing.
+With --scheduler all workers must see DIR under the same path.
 
 Examples:
 

@@ -17,6 +17,9 @@ Scale, by constants measured on one core of a shared two-core machine (CPU, not 
     an overlap                      818 s of recording a seam with preset radar: 45 % more work at segments of 30
                                     minutes, 23 % at those of an hour
 
+Two workers against one, runs of two seconds: 1.79 times (40 runs) and 1.85 (24) by CPU, the workers' shared evenly, on
+a machine that was busy otherwise; a worker takes 1 s to start. Wall time has not been measured on an idle machine.
+
 What a cluster would do. Runs and segments know nothing of each other, and rows of some kilobytes are all that comes
 back, so N workers do N times the work until something else is full:
 
