@@ -35,7 +35,7 @@ _ELLIPSE = (("length_m", "%.3f"), ("width_m", "%.3f"), ("orientation_deg", "%.2f
 _POLAR = (("range_m", "%.3f"), ("azimuth_deg", "%.5f"), ("east_m", "%.3f"), ("north_m", "%.3f"))
 TRACKS = (
     *_HEAD, ("track_id", "%d"), ("status", "%s"), ("moving", "%d"), ("existence", "%.6f"), ("east_m", "%.3f"),
-    ("north_m", "%.3f"), ("up_m", ""), ("vel_east_mps", "%.4f"), ("vel_north_mps", "%.4f"), *_ELLIPSE, *_LATLON,
+    ("north_m", "%.3f"), ("up_m", "%.3f"), ("vel_east_mps", "%.4f"), ("vel_north_mps", "%.4f"), *_ELLIPSE, *_LATLON,
 )  # fmt: skip
 POINTS = (*_HEAD, *_POLAR, ("intensity", "%.10g"), ("cluster", "%.0f"), *_LATLON)
 CLUSTERS = (
@@ -152,7 +152,8 @@ def _track_columns(scan: ArchivedScan, origin: Origin | None, *, moving: bool) -
     known = (tracks.status >= 0) & (tracks.status < len(STATUS))
     columns = [
         *_head(scan.k, tracks.t_ns), tracks.id, np.array([*STATUS, ""])[np.where(known, tracks.status, len(STATUS))],
-        tracks.moving, tracks.existence, *tracks.position_m.T, *tracks.velocity_mps.T, length_m, width_m,
+        tracks.moving, tracks.existence, *tracks.position_m.T,
+        np.full(len(tracks), np.nan) if tracks.up_m is None else tracks.up_m, *tracks.velocity_mps.T, length_m, width_m,
         orientation_deg, *_geodetic(origin, tracks.position_m),
     ]  # fmt: skip
     return [column[tracks.moving] for column in columns] if moving else columns

@@ -56,10 +56,11 @@ def gather(scans: Iterable[tuple[int, Tracks]]) -> History:
     for k, tracks in scans:
         numbers.append(np.full(len(tracks), k, np.int64))
         unknown = np.full(len(tracks), np.nan)
-        parts.append(tracks if tracks.extent_dof is not None else replace(tracks, extent_dof=unknown))
+        known = unknown if tracks.extent_dof is None else tracks.extent_dof
+        parts.append(replace(tracks, extent_dof=known, up_m=None, vel_up_mps=None))  # hindsight is of the plane
     if not parts:
         return History(np.zeros(0, np.int64), _NONE)
-    names = [f.name for f in fields(Tracks) if f.name != "contour_m"]
+    names = [f.name for f in fields(Tracks) if f.name not in ("contour_m", "up_m", "vel_up_mps")]
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     contours = tuple(contour for part in parts for contour in part.contour_m)
     scan, tracks = np.concatenate(numbers), Tracks(**columns, contour_m=contours)

@@ -46,6 +46,7 @@ class InputConfig:
     scale_db: float = 0.0  # of a logarithmic video, from 0 to full scale: cells weigh their power; 0 = their amplitude
     sigma_range_m: float = 0.0  # noise of a point; 0 = from cell, beam and pulse
     sigma_azimuth_deg: float = 0.0
+    sigma_elevation_deg: float = 0.0  # of 3-D points
     sigma_m: float = 0.0  # least noise of a point in any direction
     from_s: float = 0.0  # begin so many seconds after the first scan
     to_s: float = math.inf  # end so many seconds after the first scan

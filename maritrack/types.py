@@ -91,6 +91,9 @@ class Points:
     azimuth_width_rad: FloatArray  # (n,)
     cov_m2: FloatArray | None = None  # (n, 2, 2) noise, where the input tells it
     truth_label: IntArray | None = None  # (n,) index of the true object, -1 = clutter (simulations)
+    elevation_rad: FloatArray | None = None  # (n,) above the sensor's horizon, in 3-D inputs; range is the slant range
+    up_m: FloatArray | None = None  # (n,) with it
+    noise: FloatArray | None = None  # (n, 3) variances of range (m^2), azimuth and elevation (rad^2), where told
 
     def __post_init__(self) -> None:
         names = [f.name for f in fields(self)]
@@ -141,6 +144,8 @@ class Tracks:
     cluster: IntArray  # (t,) cluster with the largest association weight, -1 = missed
     contour_m: tuple[FloatArray, ...] = ()  # (v, 2) each, for trackers that draw the hull
     extent_dof: FloatArray | None = None  # (t,) alpha of the extent's inverse Wishart, for trackers that have one
+    up_m: FloatArray | None = None  # (t,) for trackers in 3-D
+    vel_up_mps: FloatArray | None = None  # (t,) with it
 
     def __post_init__(self) -> None:
         names = [f.name for f in fields(self) if f.name != "contour_m"]
@@ -162,6 +167,8 @@ class Truth:
     heading_rad: FloatArray  # (n,) nan where unknown
     length_m: FloatArray  # (n,) nan where unknown
     width_m: FloatArray  # (n,) nan where unknown
+    up_m: FloatArray | None = None  # (n,) where the reference has it
+    vel_up_mps: FloatArray | None = None  # (n,) with it, nan where unknown
 
     def __post_init__(self) -> None:
         names = [f.name for f in fields(self) if f.name != "t_ns"]
@@ -205,6 +212,7 @@ class Scan:
     segment: int = 0  # counts up when the range scale changes or after a long gap
     swept: BoolArray | None = None  # (720,) half-degree bins seen in this scan; None = all
     covered: Mask | None = None  # where points were taken away: what is there is not to be seen; None = nowhere
+    up_m: float = 0.0  # of the sensor, in 3-D inputs
 
     @property
     def n_spokes(self) -> int:

@@ -1,6 +1,6 @@
 """Points of a scan as `foxglove.PointCloud`, which viewers draw, and back, bit for bit.
 
-x and y are FLOAT64; z is a column of zeros, since Rerun draws nothing without it. What else `Points`
+x and y are FLOAT64; z is a column of zeros in the plane, since Rerun draws nothing without it. What else `Points`
 holds are further columns; a column that is the same for all points of a scan is left out and told
 once, in `maritrack.Scan`.
 """
@@ -21,6 +21,7 @@ Constants = Mapping[str, float | int]  # columns of a scan's points that have on
 
 INT_COLUMNS = ("t_ns", "cluster", "truth_label")
 _COV_COLUMNS = ("cov_ee", "cov_en", "cov_ne", "cov_nn")
+_NOISE_COLUMNS = ("var_range", "var_azimuth", "var_elevation")
 _PACKED = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 7, "f8": 8}  # PackedElementField
 _NUMPY = {number: f"<{code}" for code, number in _PACKED.items()}
 
@@ -31,8 +32,9 @@ def encode_points(points: Points, *, keep: BoolArray, label: IntArray, t_ns: int
     `label` (keep.sum(),) is the cluster of each kept point. Column "t_ns" counts from the scan's
     time. Integers beyond 32 bits take two columns, "_lo" and "_hi".
     """
+    up_m = np.zeros(len(points), np.uint8) if points.up_m is None else points.up_m
     varying: list[tuple[str, Any]] = [
-        ("x", points.position_m[:, 0]), ("y", points.position_m[:, 1]), ("z", np.zeros(len(points), np.uint8)),
+        ("x", points.position_m[:, 0]), ("y", points.position_m[:, 1]), ("z", up_m),
     ]  # fmt: skip
     constants: dict[str, float | int] = {}
     for name, values in _point_columns(points, keep=keep, label=label, t_ns=t_ns):
@@ -74,6 +76,9 @@ def decode_points(data: bytes, constants: Constants, *, t_ns: int) -> tuple[Poin
             floats("azimuth_width_rad"),
             np.stack([floats(c) for c in _COV_COLUMNS], axis=-1).reshape(-1, 2, 2) if "cov_ee" in names else None,
             integers("truth_label") if names & {"truth_label", "truth_label_lo"} else None,
+            floats("elevation_rad") if "elevation_rad" in names else None,
+            floats("z") if "elevation_rad" in names else None,
+            np.stack([floats(c) for c in _NOISE_COLUMNS], axis=-1) if "var_range" in names else None,
         )  # fmt: skip
         return points, integers("cluster") != REMOVED
     except KeyError as error:
@@ -90,6 +95,10 @@ def _point_columns(points: Points, *, keep: BoolArray, label: IntArray, t_ns: in
     ]  # fmt: skip
     if points.cov_m2 is not None:
         columns += zip(_COV_COLUMNS, points.cov_m2.reshape(-1, 4).T, strict=True)
+    if points.elevation_rad is not None:
+        columns.append(("elevation_rad", points.elevation_rad))
+    if points.noise is not None:
+        columns += zip(_NOISE_COLUMNS, points.noise.T, strict=True)
     return columns if points.truth_label is None else [*columns, ("truth_label", points.truth_label)]
 
 

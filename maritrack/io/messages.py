@@ -50,6 +50,7 @@ _TRACKS = (
 )  # fmt: skip
 _CONTOURS = (_Column("contour_size", "sint64"), _Column("contour_m", "double", (2,)))
 _EXTENT_DOF = (_Column("extent_dof", "double"),)  # none = the tracker has no such
+_UP = (_Column("up_m", "double"), _Column("vel_up_mps", "double"))  # none = in the plane
 _TRUTH = (
     _Column("position_m", "double", (2,)), _Column("velocity_mps", "double", (2,)), _Column("heading_rad", "double"),
     _Column("length_m", "double"), _Column("width_m", "double"),
@@ -63,10 +64,11 @@ _SCAN = (
     _Column("heading_rad", "double", None), _Column("segment", "sint64", None), _Column("n_spokes", "sint64", None),
     _Column("swept_bins", "sint64", None), _Column("swept", "bytes", None), _Column("constant_name", "string"),
     _Column("constant_float", "double"), _Column("constant_int", "sint64"), _Column("n_messages", "sint64", None),
+    _Column("up_m", "double", None),
 )  # fmt: skip
 _MESSAGES = {
-    "Scan": _SCAN, "Clusters": _CLUSTERS, "Tracks": _TRACKS + _CONTOURS + _EXTENT_DOF, "Truth": _TRUTH_NAMES + _TRUTH,
-    "Scores": _SCORES,
+    "Scan": _SCAN, "Clusters": _CLUSTERS, "Tracks": _TRACKS + _CONTOURS + _EXTENT_DOF + _UP,
+    "Truth": _TRUTH_NAMES + _TRUTH + _UP, "Scores": _SCORES,
 }  # fmt: skip
 
 
@@ -128,6 +130,7 @@ def encode_tracks(tracks: Tracks) -> bytes:
         packed.contour_m.extend(contour.ravel().tolist())
     if tracks.extent_dof is not None:
         packed.extent_dof.extend(tracks.extent_dof.tolist())
+    _fill_up(packed, tracks)
     return _octets(packed)
 
 
@@ -139,7 +142,7 @@ def decode_tracks(data: bytes) -> Tracks:
         raise ValueError("the contours of the tracks do not add up")
     contours = tuple(np.split(vertices, np.cumsum(size)[:-1])) if len(size) else ()
     rows = _arrays(packed, _TRACKS) | (_arrays(packed, _EXTENT_DOF) if len(packed.extent_dof) else {})
-    return Tracks(**rows, contour_m=contours)
+    return Tracks(**rows, **_up_of(packed), contour_m=contours)
 
 
 def encode_truth(truth: Truth) -> bytes:
@@ -148,13 +151,15 @@ def encode_truth(truth: Truth) -> bytes:
     packed.t_ns = truth.t_ns
     packed.id.extend(map(_text, truth.id))
     packed.name.extend(map(_text, truth.name))
+    _fill_up(packed, truth)
     return _octets(packed)
 
 
 def decode_truth(data: bytes) -> Truth:
     """The truth that `encode_truth` got. ValueError where the octets are not such a message."""
     packed = _parse(_CLASS["Truth"], data)
-    return Truth(id=tuple(packed.id), name=tuple(packed.name), t_ns=packed.t_ns, **_arrays(packed, _TRUTH))
+    rows = _arrays(packed, _TRUTH) | _up_of(packed)
+    return Truth(id=tuple(packed.id), name=tuple(packed.name), t_ns=packed.t_ns, **rows)
 
 
 def encode_scores(scores: Mapping[str, float]) -> bytes:
@@ -200,7 +205,7 @@ def encode_scan(scan: Scan, *, constants: Constants, n_messages: int) -> bytes:
         azimuth_res_rad=scan.sensor.azimuth_res_rad, max_range_m=scan.sensor.max_range_m, bits=scan.sensor.bits,
         position_m=scan.position_m.tolist(), heading_rad=scan.heading_rad, segment=scan.segment,
         n_spokes=scan.n_spokes, n_messages=n_messages, swept_bins=-1 if scan.swept is None else len(scan.swept),
-        swept=b"" if scan.swept is None else np.packbits(scan.swept).tobytes(),
+        swept=b"" if scan.swept is None else np.packbits(scan.swept).tobytes(), up_m=scan.up_m,
     )  # fmt: skip
     for name, value in constants.items():
         packed.constant_name.append(name)
@@ -219,7 +224,7 @@ def decode_scan(data: bytes) -> ScanRecord:
     bits = np.unpackbits(np.frombuffer(packed.swept, np.uint8), count=max(bins, 0)).astype(bool)
     scan = Scan(
         sensor, packed.t_ns, packed.t_start_ns, position_m, packed.heading_rad, segment=packed.segment,
-        swept=None if bins < 0 else bits,
+        swept=None if bins < 0 else bits, up_m=packed.up_m,
     )  # fmt: skip
     rows = zip(packed.constant_name, packed.constant_float, packed.constant_int, strict=True)
     return ScanRecord(scan, packed.n_spokes, packed.n_messages, {n: i if n in INT_COLUMNS else f for n, f, i in rows})
@@ -230,6 +235,17 @@ def _filled(name: str, columns: tuple[_Column, ...], value: Any) -> Any:
     for column in columns:
         getattr(packed, column.name).extend(getattr(value, column.name).ravel().tolist())
     return packed
+
+
+def _fill_up(packed: Any, value: Tracks | Truth) -> None:
+    if value.up_m is not None and value.vel_up_mps is not None:
+        packed.up_m.extend(value.up_m.tolist())
+        packed.vel_up_mps.extend(value.vel_up_mps.tolist())
+
+
+def _up_of(packed: Any) -> dict[str, Any]:
+    """Up and its velocity; nothing where there is none."""
+    return _arrays(packed, _UP) if len(packed.up_m) else {}
 
 
 def _arrays(packed: Any, columns: tuple[_Column, ...]) -> dict[str, Any]:

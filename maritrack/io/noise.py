@@ -23,6 +23,14 @@ def point_noise(range_m: FloatArray, azimuth_rad: FloatArray, config: InputConfi
     return polar_cov_to_en(np.ones(len(range_m)), azimuth_rad, along, across)
 
 
+def noise_in_space(range_m: FloatArray, config: InputConfig) -> FloatArray | None:
+    """Variances (n, 3) of range, azimuth and elevation from the sigmas of the settings; None without all of them."""
+    sigmas = (config.sigma_range_m, config.sigma_azimuth_deg, config.sigma_elevation_deg)
+    if min(sigmas) <= 0.0:
+        return None
+    return np.tile(np.square([sigmas[0], *np.deg2rad(sigmas[1:])]), (len(range_m), 1))
+
+
 def plot_cov_to_en(range_m: FloatArray, azimuth_rad: FloatArray, cov: FloatArray) -> FloatArray:
     """East-north covariances (n, 2, 2) of polar ones with their cross term, to first order.
 

@@ -1,10 +1,12 @@
 """The parts of a `maritrack-points/1` document: header, scans, truth.
 
-`{"format", "frame", "origin"?, "sensors"?, "scans": [...], "truth"?: [...]}`, 2-D frames only:
+`{"format", "frame", "origin"?, "sensors"?, "scans": [...], "truth"?: [...]}`:
 
 - "enu": points are [east_m, north_m(, intensity)] about the origin, covariances in m^2;
 - "polar": points are [range_m, azimuth_deg(, intensity)] from the sensor, covariances
-  [m^2, m deg, deg^2].
+  [m^2, m deg, deg^2];
+- "enu3" and "polar3" have a third number, up_m or elevation_deg, before the intensity, and no covariances; ranges are
+  slant ranges.
 
 A scan's pose is where its sensor was; without one the sensor's own entry says so, else the origin.
 Noise is, in this order: the scan's `cov`, the sigmas of the sensor's entry, those of the settings
@@ -23,14 +25,15 @@ from numpy.typing import NDArray
 from maritrack.errors import InputError
 from maritrack.io.jsontext import MAX_M, clean, list_of, number_of, table_of
 from maritrack.io.noise import plot_cov_to_en, usable_cov
-from maritrack.io.pointscan import Measured, instant, measured_at, point_sensor, to_points
+from maritrack.io.pointscan import Measured, instant, measured_at, measured_in_space, point_sensor, to_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.io.times import MAX_S, seconds_to_ns
 from maritrack.settings import InputConfig
 from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, Scan
 
 FORMAT = "maritrack-points/1"
-SIGMAS = ("sigma_range_m", "sigma_azimuth_deg", "sigma_m")
+FRAMES = ("enu", "polar", "enu3", "polar3")
+SIGMAS = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "sigma_m")
 DEG = np.deg2rad(1.0)
 
 
@@ -40,16 +43,25 @@ class Entry:
 
     position_m: FloatArray  # (2,)
     config: InputConfig  # with this sensor's sigmas
+    up_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Header:
     """What a document says of all its scans."""
 
-    frame: str  # "enu" or "polar"
+    frame: str  # of FRAMES
     origin: Origin | None
     sensors: Mapping[str, Entry]
     config: InputConfig
+
+    @property
+    def polar(self) -> bool:
+        return self.frame.startswith("polar")
+
+    @property
+    def axes(self) -> int:
+        return 3 if self.frame.endswith("3") else 2
 
 
 def header_of(document: Any, *, config: InputConfig) -> Header:
@@ -58,10 +70,8 @@ def header_of(document: Any, *, config: InputConfig) -> Header:
     if table.get("format") != FORMAT:
         raise InputError(f'"format" is {clean(table.get("format"))!r}, not "{FORMAT}"')
     frame = table.get("frame", "enu")
-    if frame in ("enu3", "polar3"):
-        raise InputError(f'frame "{frame}": 3-D points are not read yet')
-    if frame not in ("enu", "polar"):
-        raise InputError(f'"frame" is {clean(frame)!r}, not "enu" or "polar"')
+    if frame not in FRAMES:
+        raise InputError(f'"frame" is {clean(frame)!r}, not one of {", ".join(FRAMES)}')
     sensors = table_of(table.get("sensors") or {}, where="sensors")
     entries = {
         _sensor_id(key, where="sensors"): _entry(value, where=f"sensors.{clean(key)}", config=config)
@@ -78,26 +88,33 @@ def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Dama
     sensor = only if table.get("sensor") is None else _sensor_id(table["sensor"], where=where)
     entry = header.sensors.get(sensor, Entry(np.zeros(2), header.config))
     position_m, heading_rad = _pose(table.get("pose"), entry, where=where)
-    rows = point_rows(table.get("points"), where=f"{where}: points")
+    rows = point_rows(table.get("points"), axes=header.axes, where=f"{where}: points")
+    if header.axes == 3 and table.get("cov") is not None:
+        raise InputError(f"{where}: points of 3-D have no 'cov': say sigmas of the sensor")
     cov, label = _cov(table.get("cov"), len(rows), where=where), _labels(table.get("labels"), len(rows), where=where)
-    good = _usable(rows, cov, polar=header.frame == "polar")
+    good = _usable(rows, cov, polar=header.polar)
     measured = _measured(
         rows[good],
         None if cov is None else cov[good],
         None if label is None else label[good],
-        polar=header.frame == "polar",
+        header=header,
         sensor_m=position_m,
+        sensor_up_m=entry.up_m,
         t_ns=t_ns,
     )
     points = to_points(
         measured,
         sensor_m=position_m,
+        sensor_up_m=entry.up_m,
         heading_rad=heading_rad,
         config=entry.config,
         where=where,
-        head_up=header.frame == "polar",
+        head_up=header.polar,
     )
-    scan = instant(point_sensor(sensor, header.config), points, t_ns=t_ns, sensor_m=position_m, heading_rad=heading_rad)
+    scan = instant(
+        point_sensor(sensor, header.config), points, t_ns=t_ns, sensor_m=position_m, heading_rad=heading_rad,
+        up_m=entry.up_m,
+    )  # fmt: skip
     bad = len(rows) - int(np.sum(good))
     lost = Damage("bad-point", -1, f"{where}: points of {len(rows)} that are no places", sensor, count=bad)
     return scan, (lost,) if bad else ()
@@ -122,8 +139,9 @@ def truth_of(records: list[Any], *, where: str = "truth", damage: tuple[Damage, 
         ship.append(ids.setdefault(clean(table["id"]), len(ids)))
         values.append(_truth_numbers(table, where=place))
         names[ship[-1]] = names.get(ship[-1]) or clean(table.get("name") or "")
-    rows = np.array(values, dtype=np.float64).reshape(-1, 8)
+    rows = np.array(values, dtype=np.float64).reshape(-1, 10)
     of_ship = np.array(ship, dtype=np.int64)
+    heights = len(rows) > 0 and bool(np.isfinite(rows[:, 8]).all())
     return build_reference(
         Reports(
             ship=of_ship,
@@ -131,6 +149,8 @@ def truth_of(records: list[Any], *, where: str = "truth", damage: tuple[Damage, 
             position_m=rows[:, 1:3],
             velocity_mps=rows[:, 3:5],
             heading_rad=np.deg2rad(rows[:, 5]),
+            up_m=rows[:, 8] if heights else None,
+            vel_up_mps=rows[:, 9] if heights else None,
         ),
         ids=list(ids),
         names=[names[i] for i in range(len(ids))],
@@ -141,36 +161,38 @@ def truth_of(records: list[Any], *, where: str = "truth", damage: tuple[Damage, 
     )
 
 
-def point_rows(value: Any, *, where: str) -> FloatArray:
-    """Points as rows [first, second, intensity] (n, 3); intensity 1 where it is not given, nan for null."""
+def point_rows(value: Any, *, where: str, axes: int = 2) -> FloatArray:
+    """Points as rows [first, second(, third), intensity] (n, axes + 1); intensity 1 where not given, nan for null."""
     rows = list_of(value, where=where)
     if not rows:
-        return np.empty((0, 3))
+        return np.empty((0, axes + 1))
     try:
         array = np.asarray(rows)
     except ValueError:  # some with intensity, some without
         array = np.empty(0, dtype=object)
     if array.dtype == object:
-        array = np.array([_row(row, where=f"{where}[{i}]") for i, row in enumerate(rows)])
-    if array.ndim != 2 or array.shape[1] not in (2, 3) or array.dtype.kind not in "iuf":
-        raise InputError(f"{where}: each is a list of 2 or 3 numbers")
-    table = np.ones((len(array), 3))
+        array = np.array([_row(row, axes, where=f"{where}[{i}]") for i, row in enumerate(rows)])
+    if array.ndim != 2 or array.shape[1] not in (axes, axes + 1) or array.dtype.kind not in "iuf":
+        raise InputError(f"{where}: each is a list of {axes} or {axes + 1} numbers")
+    table = np.ones((len(array), axes + 1))
     table[:, : array.shape[1]] = array
     return table
 
 
-def _row(row: Any, *, where: str) -> list[float]:
+def _row(row: Any, axes: int, *, where: str) -> list[float]:
     cells = list_of(row, where=where)
-    if len(cells) not in (2, 3) or not all(c is None or type(c) in (int, float) for c in cells):
-        raise InputError(f"{where}: a list of 2 or 3 numbers was expected")
+    if len(cells) not in (axes, axes + 1) or not all(c is None or type(c) in (int, float) for c in cells):
+        raise InputError(f"{where}: a list of {axes} or {axes + 1} numbers was expected")
     known = [np.nan if c is None or abs(c) > 1e300 else float(c) for c in cells]
-    return known if len(known) == 3 else [*known, 1.0]
+    return known if len(known) > axes else [*known, 1.0]
 
 
 def _usable(rows: FloatArray, cov: FloatArray | None, *, polar: bool) -> BoolArray:
-    good = np.all(np.abs(np.nan_to_num(rows, nan=np.inf)) <= [MAX_M, MAX_M, 1e12], axis=1)
+    limit = np.append(np.full(rows.shape[1] - 1, MAX_M), 1e12)
+    good = np.all(np.abs(np.nan_to_num(rows, nan=np.inf)) <= limit, axis=1)
     if polar:
         good &= rows[:, 0] >= 0
+        good &= np.abs(rows[:, 2]) <= 90.0 if rows.shape[1] == 4 else True
     return np.asarray(good if cov is None else good & usable_cov(cov))
 
 
@@ -179,11 +201,16 @@ def _measured(
     cov: FloatArray | None,
     label: IntArray | None,
     *,
-    polar: bool,
+    header: Header,
     sensor_m: FloatArray,
+    sensor_up_m: float,
     t_ns: int,
 ) -> Measured:
-    if not polar:
+    if header.axes == 3 and not header.polar:
+        return measured_in_space(
+            rows[:, :3], sensor_m=sensor_m, sensor_up_m=sensor_up_m, t_ns=t_ns, intensity=rows[:, 3], truth_label=label
+        )
+    if not header.polar:
         matrix = None if cov is None else cov[:, [[0, 1], [1, 2]]]
         return measured_at(
             rows[:, :2], sensor_m=sensor_m, t_ns=t_ns, intensity=rows[:, 2], cov_m2=matrix, truth_label=label
@@ -191,7 +218,8 @@ def _measured(
     range_m, azimuth_rad = rows[:, 0], rows[:, 1] * DEG
     matrix = None if cov is None else plot_cov_to_en(range_m, azimuth_rad, cov * [1.0, DEG, DEG**2])
     times = np.full(len(rows), t_ns, dtype=np.int64)
-    return Measured(range_m, azimuth_rad, times, rows[:, 2], matrix, label)
+    elevation_rad = rows[:, 2] * DEG if header.axes == 3 else None
+    return Measured(range_m, azimuth_rad, times, rows[:, -1], matrix, label, elevation_rad=elevation_rad)
 
 
 def _cov(value: Any, n: int, *, where: str) -> FloatArray | None:
@@ -241,9 +269,11 @@ def _entry(value: Any, *, where: str, config: InputConfig) -> Entry:
             config,
             sigma_range_m=sigmas["sigma_range_m"],
             sigma_azimuth_deg=sigmas["sigma_azimuth_deg"],
+            sigma_elevation_deg=sigmas["sigma_elevation_deg"],
             sigma_m=sigmas["sigma_m"],
         )
-    return Entry(np.array(position), config)
+    up_m = number_of(table, "up_m", where=where, default=0.0, limit=MAX_M)
+    return Entry(np.array(position), config, up_m)
 
 
 def _origin(value: Any) -> Origin | None:
@@ -257,10 +287,10 @@ def _origin(value: Any) -> Origin | None:
 
 
 def _truth_numbers(table: Mapping[str, Any], *, where: str) -> list[float]:
-    """Time, place, velocity, heading, length and width; nan where they are not told."""
+    """Time, place, velocity, heading, length and width, up and its velocity; nan where they are not told."""
     known = [number_of(table, "time_s", where=where, limit=MAX_S)]
     known += [number_of(table, key, where=where, limit=MAX_M) for key in ("east_m", "north_m")]
-    optional = ("vel_east_mps", "vel_north_mps", "heading_deg", "length_m", "width_m")
+    optional = ("vel_east_mps", "vel_north_mps", "heading_deg", "length_m", "width_m", "up_m", "vel_up_mps")
     return known + [number_of(table, key, where=where, default=np.nan, limit=1e6) for key in optional]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from maritrack.errors import UsageError
 from maritrack.io.noise import en_cov_to_plot
-from maritrack.io.pointdoc import DEG, FORMAT
+from maritrack.io.pointdoc import DEG, FORMAT, FRAMES
 from maritrack.io.reference import Reference
 from maritrack.types import FloatArray, Origin, Points, Scan
 
@@ -29,11 +29,12 @@ def write_points(
     """A document (or JSON Lines) of scans that have points, with the truth where there is one.
 
     `sensors` is the document's table. A scan is written with its pose, and with covariances, labels
-    and intensities where it has them. Times keep microseconds; all else is exact in "enu", rounded by
-    the way through polar coordinates in "polar".
+    and intensities where it has them. Times keep microseconds; all else is exact in "enu" and "enu3", rounded by
+    the way through polar coordinates in "polar" and "polar3". The latter two of each are for points with elevation;
+    their noise is for `sensors` to tell.
     """
-    if frame not in ("enu", "polar"):
-        raise UsageError(f"frame '{frame}' is not 'enu' or 'polar'")
+    if frame not in FRAMES:
+        raise UsageError(f"frame '{frame}' is not one of {', '.join(FRAMES)}")
     head: dict[str, Any] = {"format": FORMAT, "frame": frame}
     if origin is not None:
         head["origin"] = {"lat_deg": origin.lat_deg, "lon_deg": origin.lon_deg}
@@ -57,7 +58,7 @@ def scan_record(scan: Scan, *, frame: str) -> dict[str, Any]:
         pose["heading_deg"] = float(np.rad2deg(scan.heading_rad))
     record: dict[str, Any] = {"time_s": scan.t_ns / 1e9, "sensor": scan.sensor.id, "pose": pose}
     record["points"] = _columns(points, frame=frame).tolist()
-    if points.cov_m2 is not None:
+    if points.cov_m2 is not None and not frame.endswith("3"):
         record["cov"] = _cov(points, points.cov_m2, frame=frame).tolist()
     if points.truth_label is not None:
         record["labels"] = points.truth_label.tolist()
@@ -67,11 +68,15 @@ def scan_record(scan: Scan, *, frame: str) -> dict[str, Any]:
 def truth_records(reference: Reference) -> Iterator[dict[str, Any]]:
     """Entries of "truth", ship by ship; what is not known is left out."""
     velocity, heading = reference.velocity_mps, np.rad2deg(reference.heading_rad)
+    unknown = np.full(len(reference.t_ns), np.nan)
+    up = unknown if reference.up_m is None else reference.up_m
+    vel_up = unknown if reference.vel_up_mps is None else reference.vel_up_mps
     for i, key in enumerate(reference.ids):
         size = {"length_m": reference.length_m[i], "width_m": reference.width_m[i]}
         for row in range(int(reference.start[i]), int(reference.start[i + 1])):
             told = {
                 "vel_east_mps": velocity[row, 0], "vel_north_mps": velocity[row, 1], "heading_deg": heading[row],
+                "up_m": up[row], "vel_up_mps": vel_up[row],
             } | size  # fmt: skip
             yield {
                 "id": key,
@@ -85,8 +90,13 @@ def truth_records(reference: Reference) -> Iterator[dict[str, Any]]:
 
 def _columns(points: Points, *, frame: str) -> FloatArray:
     place = points.position_m
-    if frame == "polar":
+    if frame.startswith("polar"):
         place = np.stack([points.range_m, points.azimuth_rad / DEG], axis=-1)
+    if frame.endswith("3"):
+        third = points.up_m if frame == "enu3" else points.elevation_rad
+        if third is None:
+            raise UsageError(f"frame '{frame}': the points have no elevation")
+        place = np.column_stack([place, third if frame == "enu3" else third / DEG])
     plain = bool(np.all(points.intensity == 1.0))
     return place if plain else np.column_stack([place, points.intensity])
 

@@ -31,11 +31,14 @@ class Reference:
     width_m: FloatArray  # (n,)
     complete: bool  # False: there are ships without reports, a track without truth is merely unexplained
     damage: tuple[Damage, ...] = ()
+    up_m: FloatArray | None = None  # (m,) where the reports have it
+    vel_up_mps: FloatArray | None = None  # (m,) with it, nan where not reported
 
     def __post_init__(self) -> None:
         check_lengths(self, len(self.ids), "names", "length_m", "width_m")
         check_lengths(self, len(self.ids) + 1, "start")
-        check_lengths(self, int(self.start[-1]), "t_ns", "position_m", "velocity_mps", "heading_rad")
+        told = ("t_ns", "position_m", "velocity_mps", "heading_rad", "up_m", "vel_up_mps")
+        check_lengths(self, int(self.start[-1]), *told)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -50,9 +53,12 @@ class Reports:
     position_m: FloatArray  # (m, 2)
     velocity_mps: FloatArray  # (m, 2)
     heading_rad: FloatArray  # (m,)
+    up_m: FloatArray | None = None  # (m,)
+    vel_up_mps: FloatArray | None = None  # (m,) with it
 
     def __post_init__(self) -> None:
-        check_lengths(self, len(self.ship), "t_ns", "position_m", "velocity_mps", "heading_rad")
+        told = ("t_ns", "position_m", "velocity_mps", "heading_rad", "up_m", "vel_up_mps")
+        check_lengths(self, len(self.ship), *told)
 
 
 def build_reference(
@@ -86,6 +92,8 @@ def build_reference(
         width_m=width_m[order],
         complete=complete,
         damage=damage,
+        up_m=None if reports.up_m is None else reports.up_m[rows],
+        vel_up_mps=None if reports.vel_up_mps is None else reports.vel_up_mps[rows],
     )
 
 
@@ -133,6 +141,7 @@ def truth_at(
     velocity = _velocity(reference, a, b, share=share, slope=np.where(bridged[:, None], slope, np.nan))
     heading = _heading(reference.heading_rad[a], reference.heading_rad[b], share=share)
     kept = ship[known]
+    up_m, vel_up_mps = _heights(reference, a, b, share=share)
     return Truth(
         id=tuple(reference.ids[i] for i in kept.tolist()),
         name=tuple(reference.names[i] for i in kept.tolist()),
@@ -142,7 +151,20 @@ def truth_at(
         heading_rad=heading[known],
         length_m=reference.length_m[kept],
         width_m=reference.width_m[kept],
+        up_m=None if up_m is None else up_m[known],
+        vel_up_mps=None if vel_up_mps is None else vel_up_mps[known],
     )
+
+
+def _heights(
+    reference: Reference, a: IntArray, b: IntArray, *, share: FloatArray
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Up and its velocity (n,) between two reports; those of one where it is the only one."""
+    if reference.up_m is None or reference.vel_up_mps is None:
+        return None, None
+    told = (reference.up_m, reference.vel_up_mps)
+    up_m, vel_up_mps = ((1 - share) * one[a] + share * one[b] for one in told)
+    return up_m, vel_up_mps
 
 
 def _last_at_or_before(reference: Reference, ask: IntArray) -> IntArray:

@@ -54,12 +54,17 @@ class ScoreSums:
 def truth_distances(truth: Truth, tracks: Tracks) -> FloatArray:
     """Distances (n, t) in metres between truth, moved to each track's own time, and tracks.
 
-    A truth object of unknown velocity stays where it is.
+    A truth object of unknown velocity stays where it is. Up counts where both have it.
     """
     v = np.where(np.isfinite(truth.velocity_mps).all(axis=1, keepdims=True), truth.velocity_mps, 0.0)
     dt_s = (tracks.t_ns - truth.t_ns) * 1e-9
     moved = truth.position_m[:, None] + v[:, None] * dt_s[None, :, None]
-    return np.asarray(np.linalg.norm(moved - tracks.position_m[None], axis=2), dtype=np.float64)
+    gap = moved - tracks.position_m[None]
+    if truth.up_m is not None and truth.vel_up_mps is not None and tracks.up_m is not None:
+        climb = np.where(np.isfinite(truth.vel_up_mps), truth.vel_up_mps, 0.0)
+        above = truth.up_m[:, None] + climb[:, None] * dt_s[None, :] - tracks.up_m[None]
+        gap = np.concatenate([gap, above[..., None]], axis=2)
+    return np.asarray(np.linalg.norm(gap, axis=2), dtype=np.float64)
 
 
 def score_frame(

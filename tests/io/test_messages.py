@@ -39,6 +39,11 @@ def some_clusters(draw: Any) -> Clusters:
     )  # fmt: skip
 
 
+def heights(n: int) -> Any:
+    """Up and its velocity, or neither; of nothing neither."""
+    return st.just((None, None)) | st.tuples(floats(n), floats(n)) if n else st.just((None, None))
+
+
 @st.composite
 def some_tracks(draw: Any) -> Tracks:
     t = draw(sizes)
@@ -46,7 +51,7 @@ def some_tracks(draw: Any) -> Tracks:
     return Tracks(
         draw(integers(t)), draw(integers(t)), draw(floats(t, 2)), draw(floats(t, 2)), draw(floats(t, 4, 4)),
         draw(floats(t, 2, 2)), draw(floats(t)), draw(integers(t)), draw(arrays(np.bool_, t)), draw(integers(t)),
-        contours, draw(st.none() | floats(t)) if t else None,
+        contours, draw(st.none() | floats(t)) if t else None, *draw(heights(t)),
     )  # fmt: skip
 
 
@@ -56,7 +61,7 @@ def some_truth(draw: Any) -> Truth:
     names = st.tuples(*[st.text(st.characters(codec="utf-8"), max_size=5)] * n)
     return Truth(
         draw(names), draw(names), draw(st.integers(-(2**63), 2**63 - 1)), draw(floats(n, 2)), draw(floats(n, 2)),
-        draw(floats(n)), draw(floats(n)), draw(floats(n)),
+        draw(floats(n)), draw(floats(n)), draw(floats(n)), *draw(heights(n)),
     )  # fmt: skip
 
 
@@ -73,6 +78,7 @@ def some_points(draw: Any) -> Points:
     return Points(
         draw(repetitive(n)), draw(repetitive(n)), draw(floats(n, 2)), draw(repetitive(n)), draw(whole),
         draw(repetitive(n)), draw(repetitive(n)), draw(st.none() | floats(n, 2, 2)), draw(st.none() | whole),
+        *draw(st.just((None, None)) | st.tuples(repetitive(n), floats(n))), draw(st.none() | floats(n, 3)),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -153,3 +154,12 @@ def test_an_object_that_nobody_holds_has_no_error() -> None:
     (row,) = summary_objects(held((truth_at((0.0, 0.0)), tracks_at())))
     assert (row["held"], row["held_by_one"], row["ids"]) == (0, 0.0, 0)
     assert math.isnan(row["rms_m"])
+
+
+def test_height_counts_where_truth_and_tracks_have_it() -> None:
+    truth, tracks = truth_at((0.0, 0.0), t_ns=0), tracks_at((3.0, 0.0), t_ns=2 * S)
+    high = replace(truth, up_m=np.array([10.0]), vel_up_mps=np.array([1.0]))
+    assert_allclose(truth_distances(high, tracks), [[3.0]], atol=EXACT)
+    above = replace(tracks, up_m=np.array([8.0]), vel_up_mps=np.zeros(1))
+    assert_allclose(truth_distances(high, above), [[5.0]], atol=EXACT)
+    assert_allclose(truth_distances(truth, above), [[3.0]], atol=EXACT)

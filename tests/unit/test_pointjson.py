@@ -16,7 +16,7 @@ from maritrack.geo import en_to_polar
 from maritrack.io.octets import octets_from_bytes
 from maritrack.io.pointjson import PointSource, point_truth, split_lines
 from maritrack.io.pointwriter import write_points
-from maritrack.io.reference import Reports, build_reference
+from maritrack.io.reference import Reports, build_reference, truth_at
 from maritrack.io.source import Octets
 from maritrack.settings import InputConfig
 from maritrack.types import Origin, Points, Scan, Sensor
@@ -251,8 +251,9 @@ GOOD = {"time_s": 1, "points": [[1, 2]]}
         (b'{"format": "maritrack-points/1", "scans": [' + b"1" * 5000 + b"]}", "thousands of digits"),
         (b"[1]", "document: an object was expected, not a list"),
         (b'{"format": "maritrack-points/2", "scans": []}', '"format" is'),
-        (document([], frame="enu3"), "3-D points are not read yet"),
-        (document([], frame="polar3"), "3-D points are not read yet"),
+        (document([], frame="enu4"), "not one of enu, polar, enu3, polar3"),
+        (document([GOOD], frame="enu3"), "each is a list of 3 or 4 numbers"),
+        (document([{"time_s": 1, "points": [[1, 2, 3]], "cov": [[1, 0, 1]]}], frame="polar3"), "no 'cov'"),
         (document([], frame="ned"), '"frame" is'),
         (document([], origin={"lat_deg": 91, "lon_deg": 0}), "origin: 'lat_deg' = 91"),
         (document([], origin={"lat_deg": 1}), "origin: 'lon_deg' is missing"),
@@ -451,3 +452,31 @@ def test_a_scan_of_video_or_of_another_frame_is_not_written():
         write_points([replace(scan(1.0, []), points=None)])
     with pytest.raises(UsageError, match="ned"):
         write_points([], frame="ned")
+
+
+@pytest.mark.parametrize("frame", ["enu3", "polar3"])
+def test_points_in_space_have_elevation_height_and_slant_range(frame):
+    points = [[30.0, 40.0, 122.0, 7.0]] if frame == "enu3" else [[130.0, 36.8698976, 67.3801350, 7.0]]
+    sensors = {"radar": {"up_m": 2.0, "sigma_range_m": 1.0, "sigma_azimuth_deg": 2.0, "sigma_elevation_deg": 3.0}}
+    truth = [{"id": 1, "time_s": t, "east_m": 0, "north_m": 0, "up_m": 10.0 * t, "vel_up_mps": 10.0} for t in (0, 2)]
+    data = document([{"time_s": 1.0, "points": points}], frame=frame, sensors=sensors, truth=truth)
+    got = frames(data)[0].scan
+    assert got.up_m == 2.0
+    np.testing.assert_allclose(got.points.position_m, [[30.0, 40.0]], atol=1e-4)
+    np.testing.assert_allclose(got.points.up_m, [122.0], atol=1e-4)
+    np.testing.assert_allclose(got.points.range_m, [130.0], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(got.points.elevation_rad), [67.380135], atol=1e-4)
+    np.testing.assert_allclose(got.points.noise, [np.square([1.0, *np.deg2rad([2.0, 3.0])])])
+    assert got.points.intensity.tolist() == [7.0]
+    known = truth_at(point_truth(data, name="x")[0], S)
+    assert known.up_m.tolist() == [10.0] and known.vel_up_mps.tolist() == [10.0]
+
+
+def test_points_beyond_the_zenith_are_no_places():
+    (frame,) = frames(document([{"time_s": 1.0, "points": [[5, 0, 91.0], [5, 0, 89.0]]}], frame="polar3"))
+    assert len(frame.scan.points) == 1 and frame.damage[0].code == "bad-point"
+
+
+def test_points_of_the_plane_are_not_written_as_points_of_space():
+    with pytest.raises(UsageError, match="no elevation"):
+        write_points([scan(0.0, [(1.0, 2.0)])], frame="enu3")
