@@ -15,6 +15,7 @@ HELP = """A simulated radar's recording of a scene: REC.cat240, and beside it wh
 REC.truth.json holds every object, REC.ais.csv what AIS told of those that have it, REC.labels.parquet whose echo
 each cell is (scan, spoke, cell, object; noise and sea have no rows). Equal scene, seed and scans give equal octets.
 Of a scene with several radars each has a recording, REC-NAME.cat240, and REC.sensors.toml says where they are.
+crossing-3d is one of points in space: REC is maritrack-points/1 with the truth in it.
 
 Examples:
 
@@ -24,6 +25,9 @@ Examples:
 
     maritrack simulate hamburg -o port.cat240 --workers 2 --no-labels
     maritrack process port-*.cat240 --sensors port.sensors.toml --own-ship port.ais.csv --truth port.truth.json
+
+    maritrack simulate crossing-3d -o crossing.json
+    maritrack process crossing.json --preset engm --tracker gm-phd
 
     maritrack simulate my-scene.toml -o rec.cat240 --seed 7 --scans 100
 
@@ -51,15 +55,22 @@ def simulate(
 ) -> None:
     """Parse, simulate, say what was written."""
     from maritrack.errors import UsageError
+    from maritrack.simulate.pointscene import PointScene, simulate_points
     from maritrack.simulate.record import simulate as write
-    from maritrack.simulate.scenes import load_scene, scene_names
+    from maritrack.simulate.scenes import load_any, scene_names
 
     if list_:
         render.emit_json({"scenes": list(scene_names())}) if json_ else print("\n".join(scene_names()))
         return
     if not scene or out is None:
         raise UsageError("say which scene and where to: SCENE -o REC", hint="scenes: " + ", ".join(scene_names()))
-    loaded = load_scene(scene)
+    loaded = load_any(scene)
+    if isinstance(loaded, PointScene):
+        with render.steps("scan", quiet=quiet) as tick:
+            told = simulate_points(loaded, out, seed=seed, scans=scans, progress=tick)
+        of = f"{told['scans']} scans, {told['points']} points, {told['objects']} objects"
+        render.emit_json(told) if json_ else print(f"{told['recording']}: {of}")
+        return
     with render.steps("scan", quiet=quiet) as tick:
         written = write(loaded, out, seed=seed, scans=scans, ais=ais, labels=labels, workers=workers, progress=tick)
     if json_:

@@ -22,8 +22,9 @@ PAPERS = {
     "polar": "Polar Cluster-Based Target Tracking for Maritime Radar Applications (Paes Moreira, Romanovas)",
     "abs": "Unsupervised Adaptive Background Subtraction in Distributed Radar Target Tracking Systems (Fowdur, Eksen,"
     " Paes Moreira, Banys)",
+    "engm": "Kernel-Based Ensemble Gaussian Mixture Probability Hypothesis Density Filter (Durant, Zanetti)",
 }
-DONE = ("polar",)  # papers all of whose numbered equations have a home
+DONE = ("polar", "engm")  # papers all of whose numbered equations have a home
 
 _MEANING = {
     "polar-1": "a detection at range and azimuth on the plane",
@@ -44,6 +45,47 @@ _MEANING = {
     "abs-7": "at the beginning all counts of a pixel are equally likely",
     "abs-8": "stochastic weak estimation of how likely each count is",
     "abs-9": "distance of two distributions, by which the model has converged or not",
+    "engm-1": "the integral of the intensity over a region is the number of objects expected there",
+    "engm-2": "predicted intensity: survivors and births",
+    "engm-3": "intensity of the survivors; spawning is not modelled",
+    "engm-4": "updated intensity: missed, and a term for each measurement",
+    "engm-5": "GM-PHD: the prior, a mixture of survived and born components",
+    "engm-6": "GM-PHD: the posterior mixture",
+    "engm-7": "SMC-PHD: the prior, particles",
+    "engm-8": "SMC-PHD: the posterior, the same particles with other weights",
+    "engm-9": "SMC-PHD: those weights",
+    "engm-10": "EnGM-PHD: the prior as particles",
+    "engm-11": "EnGM-PHD: each particle a Gaussian component of equal weight",
+    "engm-12": "EnGM-PHD: its covariance, beta over the number of objects times that of all particles",
+    "engm-13": "Silverman's bandwidth beta",
+    "engm-14": "EnGM-PHD: the posterior mixture",
+    "engm-15": "EnGM-PHD, update: weight of a component",
+    "engm-16": "EnGM-PHD, update: likelihood of a measurement",
+    "engm-17": "EnGM-PHD, update: innovation",
+    "engm-18": "EnGM-PHD, update: covariance of the innovation",
+    "engm-19": "EnGM-PHD, update: Jacobian of the measurement",
+    "engm-20": "EnGM-PHD, update: gain",
+    "engm-21": "EnGM-PHD, update: mean",
+    "engm-22": "EnGM-PHD, update: covariance",
+    "engm-23": "a prior of survivors and births, whose weights differ",
+    "engm-24": "the same as mixtures",
+    "engm-25": "algorithm 2: particles drawn from both, of one weight, as a mixture",
+    "engm-26": "algorithm 2: covariance of their kernels",
+    "engm-27": "algorithm 2: bandwidth for their number",
+    "engm-28": "one object: the prior is a density",
+    "engm-29": "one object: its bandwidth",
+    "engm-30": "one object, always seen, no clutter: the posterior is a density",
+    **{
+        f"engm-{number}": f"one object: the update of the ensemble Gaussian mixture filter, as {number - 16}"
+        for number in range(31, 39)
+    },
+    "engm-39": "state: position and velocity in space",
+    "engm-40": "experiment: the first object's state",
+    "engm-41": "experiment: the second object's state",
+    "engm-42": "experiment: the filters begin with one component of hardly any weight",
+    "engm-43": "experiment: clutter uniform in a box of space",
+    "engm-44": "experiment: mean of the births",
+    "engm-45": "experiment: covariance of the births",
 }
 
 _KEY = r"[a-z]+-[a-z0-9]+"

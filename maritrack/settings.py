@@ -1,6 +1,7 @@
 """Every setting of a run: frozen dataclasses nested like the line of data. `maritrack.config` loads them.
 
-Those of trackers are in `maritrack.tracksettings`. A number that no paper gives carries `# assumed: why` in its preset.
+Those of trackers are in `maritrack.tracksettings` and `maritrack.intensitysettings`.
+A number that no paper gives carries `# assumed: why` in its preset.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from maritrack.intensitysettings import IntensityConfig
 from maritrack.limits import in_unit, positive, require
 from maritrack.tracksettings import (
     ClutterMapConfig,
@@ -183,6 +185,7 @@ class Config:
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sprt: SprtConfig = field(default_factory=SprtConfig)
     phd: PhdConfig = field(default_factory=PhdConfig)
+    intensity: IntensityConfig = field(default_factory=IntensityConfig)
     smooth: SmoothConfig = field(default_factory=SmoothConfig)
     pakf: PakfConfig = field(default_factory=PakfConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types", "settings", "tracksettings"}
+BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings"}
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
@@ -22,7 +22,8 @@ BELOW = {  # what each part of the package may import besides itself
     "geo": BASE,
     "limits": {"errors"},
     "tracksettings": {"errors", "limits"},
-    "settings": {"errors", "limits", "tracksettings"},
+    "intensitysettings": {"errors", "limits"},
+    "settings": {"errors", "limits", "tracksettings", "intensitysettings"},
     "config": {"errors", "settings"},
     "objects": BASE | {"geo"},
     "associate": BASE,
@@ -33,7 +34,7 @@ BELOW = {  # what each part of the package may import besides itself
     "chain": LINE,
     "io": BASE | {"config", "geo"},  # knows nothing of what is made of the points
     "sinks": BASE | {"geo", "io", "detect"},
-    "simulate": BASE | {"config", "geo", "io", "fanout"},
+    "simulate": BASE | {"config", "geo", "io", "fanout", "objects"},
     "manifest": BASE | {"config", "io"},
     "recording": BASE | {"geo", "io"},
     "tolerances": {"errors"},

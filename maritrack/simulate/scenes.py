@@ -12,6 +12,7 @@ from typing import Any
 from maritrack.config import build
 from maritrack.errors import ConfigError
 from maritrack.simulate.antenna import RadarSettings
+from maritrack.simulate.pointscene import PointScene
 from maritrack.simulate.scenery import Land, Sea
 from maritrack.simulate.vessels import Vessel
 
@@ -73,7 +74,15 @@ def scene_names() -> tuple[str, ...]:
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """A scene of the package by name, or one from a TOML file. Raises ConfigError, which names the key."""
+    """A scene of radars by name, or one from a TOML file. Raises ConfigError, which names the key."""
+    scene = load_any(name_or_path)
+    if isinstance(scene, PointScene):
+        raise ConfigError(f"{name_or_path}: a scene of points, without radar video")
+    return scene
+
+
+def load_any(name_or_path: str | Path) -> Scene | PointScene:
+    """A scene of either kind: one of points has objects, and no vessels nor radar."""
     name = str(name_or_path)
     known = scene_names()
     if name in known:
@@ -83,7 +92,11 @@ def load_scene(name_or_path: str | Path) -> Scene:
     else:
         raise ConfigError(f"no scene '{name}'", hint="scenes: " + ", ".join(known) + "; or a path to a .toml file")
     try:
-        scene: Scene = build(Scene, _first_apart(tomllib.loads(text)), "")
+        table = tomllib.loads(text)
+        if "objects" in table:
+            points: PointScene = build(PointScene, table, "")
+            return points
+        scene: Scene = build(Scene, _first_apart(table), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: {error}") from None
     except ConfigError as error:

@@ -6,10 +6,13 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from maritrack.settings import Config
+from maritrack.trackers.engm_phd import EngmPhd
+from maritrack.trackers.gm_phd import GmPhd
 from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
 from maritrack.trackers.pakf import Pakf
 from maritrack.trackers.phd import Phd
+from maritrack.trackers.smc_phd import SmcPhd
 from maritrack.trackers.sprt import Sprt
 from maritrack.types import Clusters, Points, Scan, Tracks
 
@@ -30,4 +33,7 @@ TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "jipda": Jipda,
     "cb-giw-phd": Phd,
     "pakf-jpda": Pakf,
+    "gm-phd": GmPhd,
+    "smc-phd": SmcPhd,
+    "engm-phd": EngmPhd,
 }

@@ -1,0 +1,108 @@
+"""Ensemble Gaussian mixture PHD filter: particles become Gaussians by kernels, are updated, and drawn anew.
+
+Durant, Zanetti 2025 (paper `engm`). With one object that is always seen, no birth, no death and no clutter it is the
+ensemble Gaussian mixture filter: the weights are normalised likelihoods, the update that of a Gaussian sum, and the
+kernels have the bandwidth of one object (theorem 3.1).   Eq: engm-28, engm-30, engm-31, engm-32, engm-33, engm-34,
+engm-35, engm-36, engm-37, engm-38
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maritrack.objects import mixture
+from maritrack.settings import Config
+from maritrack.trackers import intensity, kernels, labels, links, particles, readings
+from maritrack.trackers.intensity import Intensity, IntensityState
+from maritrack.trackers.particles import Drawn
+from maritrack.trackers.readings import Readings
+from maritrack.trackers.steps import Info
+from maritrack.types import Clusters, Points, Scan, Tracks
+
+
+@dataclass(frozen=True, slots=True)
+class EngmPhd:
+    """Settings; the state holds the particles and, by label, the tracks."""
+
+    config: Config
+
+    def init(self) -> IntensityState:
+        """No object."""
+        return intensity.begin(self.config)
+
+    def update(
+        self, state: IntensityState, scan: Scan, points: Points, clusters: Clusters
+    ) -> tuple[IntensityState, Info]:
+        """Move the particles, make them a mixture with the births, update it, draw particles from it, find objects."""
+        config = self.config
+        clock = intensity.clock(state, scan)
+        born, label = intensity.labelled(intensity.newborn(state, clock[1], config), state.tracks.next_id)
+        prior = predicted(state, born, clock[1], config)
+        seen = readings.read(scan, points, clusters, state.tracks, config)
+        drawn = updated(prior, seen, scan, points, clock[0], state.k, config)
+        return particles.carried_on(state, drawn, label, clock, seen, scan, clusters, config)
+
+    def estimate(self, state: IntensityState) -> Tracks:
+        """Objects heavier than `intensity.extract_weight` are confirmed."""
+        return labels.estimate(state, self.config)
+
+
+def predicted(state: IntensityState, born: Intensity, dt_s: float, config: Config) -> Intensity:
+    """The prior as a mixture with a kernel for each particle.   Eq: engm-2, engm-10
+
+    Global: survivors and births are drawn anew from both (algorithm 2). Local: births are groups of their own.
+    """
+    old = intensity.moved(replace(state.intensity, P=np.zeros_like(state.intensity.P)), dt_s, config)
+    Q = old.P  # zero moved on: the noise alone
+    rng = intensity.draws(config, state.k, intensity.MIX)
+    survivors = smoothed(old, config)
+    survivors = replace(survivors, P=survivors.P + Q)
+    if config.intensity.bandwidth == "local":
+        return intensity.join(survivors, smoothed(particles.born_particles(born, config, rng), config))
+    if len(born) == 0:
+        return survivors
+    return uniform(survivors, born, config, rng)
+
+
+def smoothed(d: Intensity, config: Config) -> Intensity:
+    """Particles with the covariance of their kernels."""
+    if len(d) == 0:
+        return d
+    group, n_groups = particles.grouped(d.label, config)
+    return replace(d, P=kernels.kernels(d.x, d.w, group, n_groups)[group])
+
+
+def uniform(survivors: Intensity, born: Intensity, config: Config, rng: np.random.Generator) -> Intensity:
+    """Algorithm 2: samples of survivors and births as one mixture, all of one weight, made a mixture again.
+
+    Eq: engm-23, engm-24, engm-25, engm-26, engm-27
+    """
+    both = intensity.join(survivors, born)
+    n, W = config.intensity.components + len(born), both.w.sum()
+    row = kernels.draw(both.w, np.zeros(len(both), np.int64), np.array([n]), rng)
+    x = kernels.gaussian(both.x[row], both.P[row], rng)
+    even = Intensity(x, np.zeros((n, *both.P.shape[1:])), np.full(n, W / n), both.label[row])
+    return smoothed(even, config)
+
+
+def updated(prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: int, k: int, config: Config) -> Drawn:
+    """The mixture updated, and particles drawn from it (algorithm 1).   Eq: engm-14"""
+    seen_by = particles.weighed(prior, seen, scan, points, t_ns, config, gaussian=True)
+    i, j, n_groups = seen_by.pairs.i, seen_by.pairs.j, seen_by.n_groups
+    w = np.concatenate([seen_by.hit, seen_by.left])
+    of = np.concatenate([seen_by.group[i], seen_by.group])
+    W = mixture.totals(of, w, n_groups)
+    count = particles.counts(W, config)
+    rng = intensity.draws(config, k, intensity.RESAMPLE)
+    row = kernels.draw(w, of, count, rng)
+    hit, own = row < len(i), np.maximum(row - len(i), 0)
+    x, P = prior.x[own], prior.P[own]
+    x[hit], P[hit] = links.update(prior.x, prior.P, seen_by.pairs, row[hit], seen.R)
+    label = prior.label[own]
+    label[hit] = prior.label[i[row[hit]]]
+    cluster = np.full(len(row), -1, np.int64)
+    cluster[hit] = seen.cluster[j[row[hit]]]
+    d = Intensity(kernels.gaussian(x, P, rng), np.zeros_like(P), np.repeat(W / count, count), label)
+    return Drawn(d, cluster, seen_by.unexplained)

@@ -1,0 +1,84 @@
+"""Sequential Monte Carlo PHD filter: Vo, Singh, Doucet 2005, as in the engm paper.
+
+Particles carry labels, which stay through resampling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maritrack.objects import mixture
+from maritrack.settings import Config
+from maritrack.trackers import intensity, kernels, labels, particles, readings
+from maritrack.trackers.intensity import Intensity, IntensityState
+from maritrack.trackers.particles import Drawn
+from maritrack.trackers.readings import Readings
+from maritrack.trackers.steps import Info
+from maritrack.types import Clusters, FloatArray, IntArray, Points, Scan, Tracks
+
+
+@dataclass(frozen=True, slots=True)
+class SmcPhd:
+    """Settings; the state holds the particles and, by label, the tracks."""
+
+    config: Config
+
+    def init(self) -> IntensityState:
+        """No object."""
+        return intensity.begin(self.config)
+
+    def update(
+        self, state: IntensityState, scan: Scan, points: Points, clusters: Clusters
+    ) -> tuple[IntensityState, Info]:
+        """Move the particles, weigh them by all measurements, resample, find objects."""
+        config = self.config
+        clock = intensity.clock(state, scan)
+        born, label = intensity.labelled(intensity.newborn(state, clock[1], config), state.tracks.next_id)
+        prior = predicted(state, born, clock[1], config)
+        seen = readings.read(scan, points, clusters, state.tracks, config)
+        drawn = updated(prior, seen, scan, points, clock[0], state.k, config)
+        return particles.carried_on(state, drawn, label, clock, seen, scan, clusters, config)
+
+    def estimate(self, state: IntensityState) -> Tracks:
+        """Objects heavier than `intensity.extract_weight` are confirmed."""
+        return labels.estimate(state, self.config)
+
+
+def predicted(state: IntensityState, born: Intensity, dt_s: float, config: Config) -> Intensity:
+    """Particles of the prior: those that survive, each with noise of its own, and the new ones.   Eq: engm-7"""
+    axes = state.intensity.x.shape[1] // 2
+    old = intensity.moved(state.intensity, dt_s, config)
+    Q = intensity.noise_of(dt_s, axes, config)
+    if dt_s > 0 and Q.any():
+        noise = intensity.draws(config, state.k, intensity.NOISE).normal(size=old.x.shape)
+        old = replace(old, x=old.x + noise @ np.linalg.cholesky(Q).T)
+    new = particles.born_particles(born, config, intensity.draws(config, state.k, intensity.MIX))
+    return intensity.join(replace(old, P=np.zeros_like(old.P)), new)
+
+
+def updated(prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: int, k: int, config: Config) -> Drawn:
+    """The particles weighed and resampled.   Eq: engm-8, engm-9"""
+    seen_by = particles.weighed(prior, seen, scan, points, t_ns, config, gaussian=False)
+    i, j, hit = seen_by.pairs.i, seen_by.pairs.j, seen_by.hit
+    w = seen_by.left + np.bincount(i, hit, len(prior))
+    group, n_groups = seen_by.group, seen_by.n_groups
+    W = mixture.totals(group, w, n_groups)
+    count = particles.counts(W, config)
+    rng = intensity.draws(config, k, intensity.RESAMPLE)
+    row = kernels.draw(w, group, count, rng)
+    d = replace(intensity.rows(prior, row), w=np.repeat(W / count, count))
+    return Drawn(d, _taken(i, j, hit, w, seen)[row], seen_by.unexplained)
+
+
+def _taken(i: IntArray, j: IntArray, hit: FloatArray, w: FloatArray, seen: Readings) -> IntArray:
+    """The cluster of each particle (n,) with the most of its weight, -1 where that is of none."""
+    best = np.full(len(w), -1, np.int64)
+    order = np.lexsort((hit, i))
+    best[i[order]] = order  # the last one written, the largest weight, stays
+    lead = np.maximum(best, 0)
+    if len(i) == 0:
+        return best
+    found = (best >= 0) & (hit[lead] > 0.5 * w)
+    return np.where(found, seen.cluster[j[lead]], -1)
