@@ -39,7 +39,8 @@ class IntensityConfig:
     sigma_process: float = 0.0  # m and m/s of white noise on each state in each scan, beside model.accel_psd_m2ps3
     components: int = 250  # most of gm-phd; particles of the others (global), or most groups of them (local)
     bandwidth: Literal["global", "local"] = "local"  # one kernel for all particles, or one for those of each object
-    group_particles: int = 50  # local: of each object
+    shrink: bool = True  # engm-phd: kernels leave the covariance of the particles as it is, not wider
+    group_particles: int = 100  # local: of each object
     birth: Literal["clusters", "mixture"] = "clusters"  # at clusters that nothing explains, or from `births`
     birth_weight: float = 0.0  # of a cluster; 0 = P_D b / (lambda + P_D b), b = tracker.birth_density_per_m2
     births: tuple[BirthConfig, ...] = ()

@@ -22,7 +22,7 @@ SIGMA_M, STEPS, REPEATS = 5.0, 5, 10
 START, SPREAD = np.array([400.0, 300.0, 3.0, -2.0]), np.diag([100.0, 60.0, 4.0, 9.0])
 FIXED = ("model.p_detect=1.0", "model.clutter=fixed", "model.clutter_density_per_m2=1e-30", "intensity.gate=none",
          "intensity.p_survive_scan=1.0", "model.centroid_n_max=0", "intensity.birth_weight=1e-3",
-         "intensity.bandwidth=global")  # fmt: skip
+         "intensity.bandwidth=global", "intensity.shrink=false")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

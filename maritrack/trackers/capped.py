@@ -20,7 +20,7 @@ def capped_clusters(x: FloatArray, weight: float, rng: np.random.Generator) -> I
     and so on until none is left. Then each particle goes to the nearest centre that has room, in their order.
     """
     n = len(x)
-    room = max(1, math.floor(1.0 / weight + 1e-9))
+    room = n if weight * n <= 1.0 else max(1, math.floor(1.0 / weight + 1e-9))
     left = np.arange(n)
     centre = []
     while len(left):

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maritrack.objects import mixture
 from maritrack.settings import Config
 from maritrack.trackers import intensity, kernels, labels, links, particles, readings
 from maritrack.trackers.intensity import Intensity, IntensityState
@@ -67,11 +66,12 @@ def predicted(state: IntensityState, born: Intensity, dt_s: float, config: Confi
 
 
 def smoothed(d: Intensity, config: Config) -> Intensity:
-    """Particles with the covariance of their kernels."""
+    """Particles as kernels: `intensity.shrink` keeps their covariance as a whole."""
     if len(d) == 0:
         return d
     group, n_groups = particles.grouped(d.label, config)
-    return replace(d, P=kernels.kernels(d.x, d.w, group, n_groups)[group])
+    x, K = kernels.kernels(d.x, d.w, group, n_groups, shrink=config.intensity.shrink)
+    return replace(d, x=x, P=K[group])
 
 
 def uniform(survivors: Intensity, born: Intensity, config: Config, rng: np.random.Generator) -> Intensity:
@@ -90,19 +90,13 @@ def uniform(survivors: Intensity, born: Intensity, config: Config, rng: np.rando
 def updated(prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: int, k: int, config: Config) -> Drawn:
     """The mixture updated, and particles drawn from it (algorithm 1).   Eq: engm-14"""
     seen_by = particles.weighed(prior, seen, scan, points, t_ns, config, gaussian=True)
-    i, j, n_groups = seen_by.pairs.i, seen_by.pairs.j, seen_by.n_groups
-    w = np.concatenate([seen_by.hit, seen_by.left])
-    of = np.concatenate([seen_by.group[i], seen_by.group])
-    W = mixture.totals(of, w, n_groups)
-    count = particles.counts(W, config)
-    rng = intensity.draws(config, k, intensity.RESAMPLE)
-    row = kernels.draw(w, of, count, rng)
-    hit, own = row < len(i), np.maximum(row - len(i), 0)
-    x, P = prior.x[own], prior.P[own]
+    i, j = seen_by.pairs.i, seen_by.pairs.j
+    own = np.concatenate([i, np.arange(len(prior))])  # a row for each pair, then the components as they were
+    cluster = np.concatenate([seen.cluster[j], np.full(len(prior), -1, np.int64)])
+    w, rng = np.concatenate([seen_by.hit, seen_by.left]), intensity.draws(config, k, intensity.RESAMPLE)
+    row, weight, group = particles.redrawn(w, seen_by.group[own], cluster, config, rng)
+    hit = row < len(i)
+    x, P = prior.x[own[row]], prior.P[own[row]]
     x[hit], P[hit] = links.update(prior.x, prior.P, seen_by.pairs, row[hit], seen.R)
-    label = prior.label[own]
-    label[hit] = prior.label[i[row[hit]]]
-    cluster = np.full(len(row), -1, np.int64)
-    cluster[hit] = seen.cluster[j[row[hit]]]
-    d = Intensity(kernels.gaussian(x, P, rng), np.zeros_like(P), np.repeat(W / count, count), label)
-    return Drawn(d, cluster, seen_by.unexplained)
+    d = Intensity(kernels.gaussian(x, P, rng), np.zeros_like(P), weight, prior.label[own[row]])
+    return Drawn(d, cluster[row], group, seen_by.unexplained)

@@ -2,7 +2,8 @@
 
 With `intensity.bandwidth` = "global" all particles are one group, as in the paper. "local" has a group for each label:
 its own number of particles, whatever its weight, and its own kernel, so that objects kilometres apart do not share
-one, and a faint new object is not lost among the particles of those that are known.
+one, and a faint new object is not lost among the particles of those that are known. An update divides a group by the
+measurements it may have been, as it divides a Gaussian component; what has become alike is united again.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class Drawn:
 
     d: Intensity
     cluster: IntArray  # (n,) that each was updated with, -1 = none
+    group: IntArray  # (n,) of particles that were drawn together
     unexplained: FloatArray  # (m,) share of each measurement that clutter has
 
 
@@ -51,12 +53,28 @@ def grouped(label: IntArray, config: Config) -> tuple[IntArray, int]:
     return group, len(names)
 
 
-def counts(W: FloatArray, config: Config) -> IntArray:
-    """Particles of groups (g,) of weight W: so many in all, or so many for each object."""
+def redrawn(
+    w: FloatArray, group: IntArray, cluster: IntArray, config: Config, rng: np.random.Generator
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Rows of a posterior drawn anew, the weight of each, and the group it was drawn in.
+
+    Rows have weights w (r,), come from `group` (r,) and were updated with `cluster` (r,). Global: all are one group of
+    `intensity.components`. Local: a group for what each was updated with, those below `intensity.prune_weight` left
+    out, of `intensity.group_particles` for each object that it stands for.
+    """
     rules = config.intensity
     if rules.bandwidth == "global":
-        return np.full(len(W), rules.components, np.int64)
-    return rules.group_particles * np.maximum(1, np.rint(W)).astype(np.int64)
+        part, n = group, int(len(group) > 0)
+        count = np.full(n, rules.components, np.int64)
+        W = mixture.totals(part, w, n)
+    else:
+        keys, part = np.unique(group * (cluster.max(initial=0) + 2) + cluster, return_inverse=True)
+        n = len(keys)
+        W = mixture.totals(part, w, n)
+        many = rules.group_particles * np.maximum(1, np.rint(W)).astype(np.int64)
+        count = np.where(rules.prune_weight <= W, many, 0)
+    row = kernels.draw(w, part, count, rng)
+    return row, np.repeat(W / np.maximum(count, 1), count), np.repeat(np.arange(n), count)
 
 
 def born_particles(born: Intensity, config: Config, rng: np.random.Generator) -> Intensity:
@@ -128,7 +146,7 @@ def objects(drawn: Drawn, next_label: int, config: Config, rng: np.random.Genera
     if len(d) == 0:
         return d, Found(d.label, d.x, d.P, d.w, d.label), next_label
     local = config.intensity.bandwidth == "local"
-    part = divided(d, rng) if local else capped_clusters(d.x, float(d.w[0]), rng)
+    part = divided(d, drawn.group, rng) if local else capped_clusters(d.x, float(d.w[0]), rng)
     n = int(part.max()) + 1
     names, next_label = labels.unique_labels(dominant(part, d.label, d.w, n), mixture.totals(part, d.w, n), next_label)
     d = replace(d, label=names[part])
@@ -142,12 +160,12 @@ def objects(drawn: Drawn, next_label: int, config: Config, rng: np.random.Genera
     return d, Found(names, mean, cov, mixture.totals(part, d.w, n), dominant(part, cluster, d.w, n)), next_label
 
 
-def divided(d: Intensity, rng: np.random.Generator) -> IntArray:
-    """The part of each particle (n,): its label's, or, of labels that stand for several objects, one of theirs."""
-    names, part = np.unique(d.label, return_inverse=True)
+def divided(d: Intensity, group: IntArray, rng: np.random.Generator) -> IntArray:
+    """The part of each particle (n,): its group's, or, of groups that stand for several objects, one of theirs."""
+    names, part = np.unique(group, return_inverse=True)
     n = len(names)
-    for group in np.flatnonzero(np.rint(mixture.totals(part, d.w, n)) > 1):
-        mine = np.flatnonzero(part == group)
+    for crowd in np.flatnonzero(np.rint(mixture.totals(part, d.w, n)) > 1):
+        mine = np.flatnonzero(part == crowd)
         own = capped_clusters(d.x[mine], float(d.w[mine].mean()), rng)
         part[mine[own > 0]] = n + own[own > 0] - 1
         n += int(own.max())

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maritrack.objects import mixture
 from maritrack.settings import Config
-from maritrack.trackers import intensity, kernels, labels, particles, readings
+from maritrack.trackers import intensity, labels, particles, readings
 from maritrack.trackers.intensity import Intensity, IntensityState
 from maritrack.trackers.particles import Drawn
 from maritrack.trackers.readings import Readings
@@ -62,14 +61,16 @@ def updated(prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: 
     """The particles weighed and resampled.   Eq: engm-8, engm-9"""
     seen_by = particles.weighed(prior, seen, scan, points, t_ns, config, gaussian=False)
     i, j, hit = seen_by.pairs.i, seen_by.pairs.j, seen_by.hit
-    w = seen_by.left + np.bincount(i, hit, len(prior))
-    group, n_groups = seen_by.group, seen_by.n_groups
-    W = mixture.totals(group, w, n_groups)
-    count = particles.counts(W, config)
-    rng = intensity.draws(config, k, intensity.RESAMPLE)
-    row = kernels.draw(w, group, count, rng)
-    d = replace(intensity.rows(prior, row), w=np.repeat(W / count, count))
-    return Drawn(d, _taken(i, j, hit, w, seen)[row], seen_by.unexplained)
+    rng, every = intensity.draws(config, k, intensity.RESAMPLE), np.arange(len(prior))
+    if config.intensity.bandwidth == "global":
+        own, w = every, seen_by.left + np.bincount(i, hit, len(prior))
+        cluster = _taken(i, j, hit, w, seen)
+    else:  # a row for each measurement that a particle may have been
+        own, w = np.concatenate([i, every]), np.concatenate([hit, seen_by.left])
+        cluster = np.concatenate([seen.cluster[j], np.full(len(prior), -1, np.int64)])
+    row, weight, group = particles.redrawn(w, seen_by.group[own], cluster, config, rng)
+    d = replace(intensity.rows(prior, own[row]), w=weight)
+    return Drawn(d, cluster[row], group, seen_by.unexplained)
 
 
 def _taken(i: IntArray, j: IntArray, hit: FloatArray, w: FloatArray, seen: Readings) -> IntArray:

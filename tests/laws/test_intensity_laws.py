@@ -259,8 +259,17 @@ def test_a_kernel_of_two_far_groups_is_narrow_where_it_is_local() -> None:
     rng = np.random.default_rng(2)
     x = np.concatenate([rng.normal(size=(200, 4)), rng.normal(size=(200, 4)) + 5000.0])
     w, group = np.full(400, 1 / 200), np.repeat([0, 1], 200)
-    wide = kernels.kernels(x, w, np.zeros(400, np.int64), 1)
-    narrow = kernels.kernels(x, w, group, 2)
+    _, wide = kernels.kernels(x, w, np.zeros(400, np.int64), 1)
+    _, narrow = kernels.kernels(x, w, group, 2)
     beta = (4 / (200 * 6)) ** (2 / 8)
     assert wide[0, 0, 0] > 1e5
     assert_allclose(narrow[1], beta * np.cov(x[200:].T) + 1e-6 * np.eye(4), rtol=1e-9)
+
+
+def test_kernels_that_shrink_leave_the_covariance_of_the_particles_as_it_is() -> None:
+    x = np.random.default_rng(8).normal(size=(60, 4)) * [1, 2, 3, 4] + 10.0
+    w, group = np.full(60, 1 / 60), np.zeros(60, np.int64)
+    for shrink, wider in ((True, 1.0), (False, 1.0 + (4 / (60 * 6)) ** (2 / 8))):
+        centre, K = kernels.kernels(x, w, group, 1, shrink=shrink)
+        assert_allclose(centre.mean(axis=0), x.mean(axis=0))
+        assert_allclose(np.cov(centre.T) + K[0], wider * np.cov(x.T), atol=1e-5)

@@ -22,7 +22,7 @@ def plane_config(tracker: str, *sets: str) -> Config:
     """Points of known noise in the plane, always seen, no births but at clusters, hardly any clutter."""
     fixed = ["model.p_detect=1.0", "model.clutter=fixed", "model.clutter_density_per_m2=1e-30", "intensity.gate=none",
              "intensity.p_survive_scan=1.0", "model.centroid_n_max=0", "intensity.birth_weight=0.001",
-             "intensity.bandwidth=global"]  # fmt: skip
+             "intensity.bandwidth=global", "intensity.shrink=false"]  # fmt: skip
     return load_config(preset="points", sets=[f"tracker_name={tracker}", *fixed, *sets])
 
 

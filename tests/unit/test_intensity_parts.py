@@ -152,7 +152,7 @@ def test_covariances_of_groups_are_those_of_their_particles() -> None:
 
 
 def test_one_particle_has_a_kernel_that_is_hardly_any() -> None:
-    K = kernels.kernels(np.ones((1, 4)), np.ones(1), np.zeros(1, np.int64), 1)
+    _, K = kernels.kernels(np.ones((1, 4)), np.ones(1), np.zeros(1, np.int64), 1)
     assert_allclose(K[0], 1e-6 * np.eye(4))
 
 
