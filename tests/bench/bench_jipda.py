@@ -1,8 +1,9 @@
-"""JIPDA on point detections: CPU per scan and GOSPA, beside a peer on the same detections in the same run.
+"""A tracker on point detections: CPU per scan and GOSPA, beside a peer on the same detections in the same run.
 
-python -m tests.bench.bench_jipda [SCENE.json ...] [--peer "COMMAND"] [--seeds 5]
+python -m tests.bench.bench_jipda [SCENE.json ...] [--tracker NAME] [--peer "COMMAND"] [--method NAME] [--scans N]
 Without scenes: made here, 10 objects with 20 and 50 with 100 clutter points a scan. COMMAND is run as
-`COMMAND SCENE.json jpda_pyehm2` and prints one JSON line with cpu_ms_per_scan_mean and mean_gospa_c100_p2.
+`COMMAND SCENE.json METHOD [SCANS]` and prints one JSON line with scans, cpu_ms_per_scan_mean and mean_gospa_c100_p2.
+Both are judged over the scans that the peer got through. `--tracker gm-phd --method gmphd` races the PHD filters.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ def scan_of(document: dict[str, Any], sigma_m: float) -> Scan:
     return Scan(Sensor("points", 0.0, 0.0, np.inf), t_ns, t_ns, np.zeros(2), np.nan, points=points)
 
 
-def measure(document: dict[str, Any]) -> dict[str, float]:
-    """Mean GOSPA (c = 100 m, p = 2) of confirmed tracks and CPU of clustering and tracking per scan."""
-    config = load_config(preset="points")
-    tracker = TRACKERS["jipda"](config)
+def measure(document: dict[str, Any], name: str = "jipda", scans: int = 0) -> dict[str, float]:
+    """Mean GOSPA (c = 100 m, p = 2) of confirmed tracks and CPU a scan of clustering and tracking, first `scans`."""
+    config = load_config(preset="points", sets=[f"tracker_name={name}"])
+    tracker = TRACKERS[name](config)
     state, cpu, values = tracker.init(), [], []
-    for entry in document["scans"]:
+    for entry in document["scans"][: scans or None]:
         scan = scan_of(entry, document["meta"]["sigma_z"])
         assert scan.points is not None
         at = time.process_time()
@@ -67,6 +68,9 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", type=Path)
     parser.add_argument("--peer", default="")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--tracker", default="jipda", choices=tuple(TRACKERS))
+    parser.add_argument("--method", default="jpda_pyehm2")
+    parser.add_argument("--scans", type=int, default=0)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         paths = args.scenes or [
@@ -75,15 +79,17 @@ def main() -> None:
             for s in range(args.seeds)
         ]
         for path in paths:
-            ours = measure(json.loads(path.read_text()))
-            line = f"{path.stem}: GOSPA {ours['gospa']:.1f} m, {ours['cpu_ms_per_scan']:.2f} ms CPU per scan"
+            scans, peer = args.scans, {}
             if args.peer:
-                command = [*shlex.split(args.peer), str(path), "jpda_pyehm2"]
-                peer = json.loads(
-                    subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
-                )
+                command = [*shlex.split(args.peer), str(path), args.method, *([str(scans)] if scans else [])]
+                told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+                peer = json.loads(told.splitlines()[-1])
+                scans = peer["scans"]
+            ours = measure(json.loads(path.read_text()), args.tracker, scans)
+            line = f"{path.stem}: GOSPA {ours['gospa']:.1f} m, {ours['cpu_ms_per_scan']:.2f} ms CPU per scan"
+            if peer:
                 ratio = peer["cpu_ms_per_scan_mean"] / ours["cpu_ms_per_scan"]
-                line += f"; peer GOSPA {peer['mean_gospa_c100_p2']:.1f} m, {ratio:.0f} times the CPU"
+                line += f"; peer GOSPA {peer['mean_gospa_c100_p2']:.1f} m, {ratio:.0f} times the CPU, {scans} scans"
             print(line, flush=True)
 
 
