@@ -49,8 +49,9 @@ class IntensityConfig:
     merge_distance2: float = 4.0  # squared Mahalanobis distance, with the heavier one's covariance
     merge_spread: bool = True  # the covariance of merged components counts how far apart their means are
     extract_weight: float = 0.5  # heavier ones are reported ...
+    copies: bool = False  # gm-phd: a component is reported as often as its weight rounds to; else once
     extract_hits: int = 1  # ... after so many scans with a measurement
-    hold_scans: int = 0  # misses in a row for which one that was reported is shown, and scored, as coasted
+    hold_scans: int = 0  # scans for which one that was reported is still shown, and scored, as coasted
 
     def __post_init__(self) -> None:
         in_unit("intensity.p_survive_scan", self.p_survive_scan)

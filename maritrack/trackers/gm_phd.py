@@ -44,17 +44,17 @@ class GmPhd:
         seen = readings.read(scan, points, clusters, state.tracks, config)
         posterior, cluster, unexplained = updated(prior, seen, scan, points, t_ns, config)
         reduced, lead = reduce(posterior, config)
-        found, copies, label = objects(reduced, cluster[lead], state.copies, label)
-        tracks, up = labels.followed(state.tracks, found, t_ns, dt_s, scan.sensor.id, label, config)
+        found, copies, label = objects(reduced, cluster[lead], state.copies, label, config)
+        tracks, up, unreported = labels.followed(state, found, t_ns, dt_s, scan.sensor.id, label, config)
         free = np.ones(len(clusters))
         free[seen.cluster] = unexplained
         tracks = steps.with_clutter(tracks, clusters, free, scan, config)
         born = intensity.born_at_clusters(tracks, seen, unexplained, scan, clusters, t_ns, config)
         kept = replace(reduced, label=found.label[: len(reduced)])
-        return IntensityState(kept, born, t_ns, state.k + 1, tracks, up, copies), Info(clock_back=back)
+        return IntensityState(kept, born, t_ns, state.k + 1, tracks, up, unreported, copies), Info(clock_back=back)
 
     def estimate(self, state: IntensityState) -> Tracks:
-        """Components heavier than `intensity.extract_weight` are confirmed, as often as their weight rounds to."""
+        """Components heavier than `intensity.extract_weight` are confirmed."""
         return labels.estimate(state, self.config)
 
 
@@ -112,14 +112,17 @@ def reduce(posterior: Intensity, config: Config) -> tuple[Intensity, IntArray]:
 
 
 def objects(
-    reduced: Intensity, cluster: IntArray, before: Mapping[tuple[int, int], int], next_label: int
+    reduced: Intensity, cluster: IntArray, before: Mapping[tuple[int, int], int], next_label: int, config: Config
 ) -> tuple[Found, dict[tuple[int, int], int], int]:
     """The components under labels of their own, then the copies of those that stand for several objects.
+
+    Reading: Vo and Ma report a component as often as its weight rounds to, `intensity.copies`, which the preset `engm`
+    has. The default is once: where P_D is set too low the weight of one object grows to 1 / P_D.
 
     `before` holds the labels of copies by label and number; also those of now, and the next label that is free.
     """
     label, next_label = labels.unique_labels(reduced.label, reduced.w, next_label)
-    more = np.maximum(np.rint(reduced.w).astype(np.int64) - 1, 0)
+    more = np.maximum(np.rint(reduced.w).astype(np.int64) - 1, 0) * config.intensity.copies
     again = np.repeat(np.arange(len(reduced)), more)
     nth = np.arange(len(again)) - np.repeat(np.cumsum(more) - more, more)
     copies = {}

@@ -44,6 +44,7 @@ class IntensityState:
     k: int  # scans so far
     tracks: TrackList  # what is reported, by label, and its past
     up: FloatArray  # (t, 2) up and its velocity of the tracks, in 3-D; else 0
+    unreported: IntArray  # (t,) scans since a track was last reported
     copies: Mapping[tuple[int, int], int] = field(default_factory=dict)  # of gm-phd, by label and number: their label
 
 
@@ -59,7 +60,7 @@ def begin(config: Config) -> IntensityState:
     Deviates: engm-42 the paper begins with one component of a weight of 1e-16 "to favor births"; we with none.
     """
     none = nothing(sensing.AXES[config.intensity.measurement])
-    return IntensityState(none, none, 0, 0, tracklist.empty(), np.zeros((0, 2)))
+    return IntensityState(none, none, 0, 0, tracklist.empty(), np.zeros((0, 2)), np.zeros(0, np.int64))
 
 
 def rows(d: Intensity, index: IntArray | BoolArray) -> Intensity:

@@ -42,13 +42,13 @@ def unique_labels(label: IntArray, w: FloatArray, next_label: int) -> tuple[IntA
 
 
 def followed(
-    before: TrackList, found: Found, t_ns: int, dt_s: float, sensor: str, next_label: int, config: Config
-) -> tuple[TrackList, FloatArray]:
-    """The list of tracks with one more scan, ordered by label, and up and its velocity (t, 2).
+    state: IntensityState, found: Found, t_ns: int, dt_s: float, sensor: str, next_label: int, config: Config
+) -> tuple[TrackList, FloatArray, IntArray]:
+    """The list of tracks with one more scan, ordered by label, up and its velocity (t, 2), scans unreported (t,).
 
     A label that is new begins; one that is not found any more has ended. `confirmed` rows have been reported once.
     """
-    order = np.argsort(found.label)
+    before, order = state.tracks, np.argsort(found.label)
     label, x, P, w, cluster = found.label[order], found.x[order], found.P[order], found.w[order], found.cluster[order]
     n, axes = len(label), x.shape[1] // 2
     level = [0, 1, axes, axes + 1]
@@ -72,7 +72,7 @@ def followed(
     now = replace(now, confirmed=now.confirmed | reported(now, config))
     now = tracklist.follow(now, np.where(known, dt_s, 0.0), config.tracker)
     up = x[:, [2, 5]] if axes == 3 else np.zeros((n, 2))
-    return now, up
+    return now, up, np.where(reported(now, config), 0, past(state.unreported, 0) + 1)
 
 
 def reported(tracks: TrackList, config: Config) -> BoolArray:
@@ -84,7 +84,7 @@ def reported(tracks: TrackList, config: Config) -> BoolArray:
 def estimate(state: IntensityState, config: Config) -> Tracks:
     """All that is found, at the time of the intensity; heavier than `intensity.extract_weight` is confirmed."""
     tracks, rules = state.tracks, config.intensity
-    held = tracks.confirmed & (tracks.misses > 0) & (tracks.misses <= rules.hold_scans)
+    held = tracks.confirmed & (state.unreported <= rules.hold_scans)
     status = np.where(reported(tracks, config), CONFIRMED, np.where(held, COASTED, TENTATIVE))
     told = tracklist.estimate(tracks, config.tracker)
     told = replace(told, status=status.astype(np.int64), existence=np.minimum(tracks.existence, 1.0), extent_dof=None)

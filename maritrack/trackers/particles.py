@@ -128,12 +128,12 @@ def carried_on(
     t_ns, dt_s, back = clock
     rng = intensity.draws(config, state.k, intensity.EXTRACT)
     d, found, label = objects(drawn, label, config, rng)
-    tracks, up = labels.followed(state.tracks, found, t_ns, dt_s, scan.sensor.id, label, config)
+    tracks, up, unreported = labels.followed(state, found, t_ns, dt_s, scan.sensor.id, label, config)
     free = np.ones(len(clusters))
     free[seen.cluster] = drawn.unexplained
     tracks = steps.with_clutter(tracks, clusters, free, scan, config)
     born = intensity.born_at_clusters(tracks, seen, drawn.unexplained, scan, clusters, t_ns, config)
-    return IntensityState(d, born, t_ns, state.k + 1, tracks, up), Info(clock_back=back)
+    return IntensityState(d, born, t_ns, state.k + 1, tracks, up, unreported), Info(clock_back=back)
 
 
 def objects(drawn: Drawn, next_label: int, config: Config, rng: np.random.Generator) -> tuple[Intensity, Found, int]:

@@ -106,10 +106,13 @@ def test_capping_keeps_the_weight_and_the_heaviest() -> None:
 
 def test_a_component_of_weight_two_is_two_objects_whose_ids_stay() -> None:
     d = Intensity(np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1)), np.array([2.2, 0.6]), np.array([7, 7]))
-    found, copies, free = gm_phd.objects(d, np.array([0, -1]), {}, 10)
+    config = plane_config("gm-phd", "intensity.copies=true")
+    found, copies, free = gm_phd.objects(d, np.array([0, -1]), {}, 10, config)
     assert found.label.tolist() == [7, 10, 11] and free == 12
-    again, _, _ = gm_phd.objects(d, np.array([0, -1]), copies, 12)
+    again, _, _ = gm_phd.objects(d, np.array([0, -1]), copies, 12, config)
     assert again.label.tolist() == [7, 12, 11]
+    once, _, _ = gm_phd.objects(d, np.array([0, -1]), copies, 12, plane_config("gm-phd"))
+    assert once.label.tolist() == [7, 12]
 
 
 def one_after_the_other(cost: FloatArray, room: int) -> list[int]:
