@@ -33,7 +33,7 @@ def claims_of(runs: Sequence[Run], found: Limits) -> tuple[Claim, ...]:
         bar_claim(runs, "gm-phd", 3.0),
         bar_claim(runs, "engm-phd", 2.0),
         bar_claim(runs, "smc-phd", 3.0),
-        bar_claim(runs, NOISY, 3.0),
+        noise_claim(runs),
         order_claim(runs),
         worst_claim(runs),
         number_claim(runs),
@@ -62,11 +62,17 @@ def mean_of(values: FloatArray) -> dict[str, float]:
 
 def bar_claim(runs: Sequence[Run], name: str, within: float) -> Claim:
     """A bar of Fig. 3 with the density of its authors."""
-    tracker = name.partition(",")[0]
-    ours = mean_of(ospa(runs, name, PAPERS))
-    holds = abs(ours["mean"] - PAPER[tracker]["OSPA"]) <= within
-    what = f"{name}: mean OSPA within {within:g} of the published bar {PAPER[tracker]['OSPA']:g}"
-    return Claim(what, bool(holds), ours, {"OSPA": PAPER[tracker]["OSPA"]})
+    ours, bar = mean_of(ospa(runs, name, PAPERS)), PAPER[name]["OSPA"]
+    what = f"{name}: mean OSPA within {within:g} of the published bar {bar:g}"
+    return Claim(what, bool(abs(ours["mean"] - bar) <= within), ours, {"OSPA": bar})
+
+
+def noise_claim(runs: Sequence[Run]) -> Claim:
+    """The bar of SMC-PHD is not that of the process noise that its authors saved, 0."""
+    ours, bar = {name: mean_of(ospa(runs, name, PAPERS)) for name in (NOISY, "smc-phd")}, PAPER["smc-phd"]["OSPA"]
+    with_noise, without = (abs(told["mean"] - bar) for told in ours.values())
+    what = "smc-phd: the published bar is nearer to process noise 1 than to the saved 0"
+    return Claim(what, bool(with_noise < without), ours, {"OSPA": bar})
 
 
 def difference(runs: Sequence[Run], a: str, b: str, clutter: str) -> dict[str, float]:

@@ -55,6 +55,7 @@ def test_all_statements_hold_where_the_numbers_are_the_papers_but_for_smc_withou
         (("gm-phd", PAPERS), 84.0, "gm-phd: mean OSPA within 3"),
         (("engm-phd", PAPERS), 12.0, "engm-phd: mean OSPA within 2"),
         (("engm-phd", PAPERS), 90.0, "lower OSPA than both"),
+        ((NOISY, PAPERS), 100.5, "nearer to process noise 1"),
         (("gm-phd", PAPERS), 95.0, "the worst of the three"),
         (("gm-phd", SOUND), 11.0, "below 10"),
         (("engm-phd", SOUND), 7.0, "lower OSPA than engm-phd"),
