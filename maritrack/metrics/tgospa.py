@@ -19,6 +19,8 @@ from maritrack.errors import NumericalError
 from maritrack.metrics.distances import check_order
 from maritrack.types import FloatArray, IntArray
 
+SCALE = 1e4  # gains are at most 1, and the solver is content with an error of 1e-7
+
 
 @dataclass(frozen=True, slots=True)
 class TGospa:
@@ -42,7 +44,7 @@ class _Links:
 
     truth: IntArray  # (q,)
     estimate: IntArray  # (q,)
-    cost: FloatArray  # (q, t) d^p; inf where not nearer than c
+    cost: FloatArray  # (q, t) (d / c)^p; inf where not nearer than c
 
 
 def t_gospa(truth: ArrayLike, estimates: ArrayLike, *, c: float, p: float, gamma: float, rho: float = 0.5) -> TGospa:
@@ -60,23 +62,30 @@ def t_gospa(truth: ArrayLike, estimates: ArrayLike, *, c: float, p: float, gamma
     Y, n_estimates = _trajectories("estimates", estimates)
     if len(X) and len(Y) and X.shape[1:] != Y.shape[1:]:
         raise ValueError(f"truth {X.shape} and estimates {Y.shape} differ in times or dimensions")
-    localisation_p = paired = changes = 0.0
-    links = _links(X, Y, c, p)
-    groups = connected_groups(links.truth, links.estimate)
-    for g in range(len(groups)):
-        mine = np.flatnonzero(groups.group == g)
-        cost = links.cost[mine]
-        cost = cost[:, np.isfinite(cost).any(axis=0)]
-        near = np.isfinite(cost)
-        gain = np.where(near, c**p - cost, 0.0)
-        share = _shares(groups.track[mine], groups.measurement[mine], gain, gamma**p / 2.0)
-        localisation_p += float((share[near] * cost[near]).sum())
-        paired += float(share[near].sum())
-        changes += float(np.abs(np.diff(share, axis=1)).sum()) / 2.0
-    missed_p = (1.0 - rho) * c**p * max(n_truth - paired, 0.0)
-    false_p = rho * c**p * max(n_estimates - paired, 0.0)
-    switch_p = gamma**p * changes
-    total = (localisation_p + missed_p + false_p + switch_p) ** (1.0 / p)
+    localisation = paired = changes = 0.0  # in units of c^p, so that no unit of length and no order matters
+    with np.errstate(over="ignore", under="ignore"):
+        switch = np.power(np.float64(gamma) / c, p)
+        links = _links(X / c, Y / c, p)
+        groups = connected_groups(links.truth, links.estimate)
+        for g in range(len(groups)):
+            mine = np.flatnonzero(groups.group == g)
+            cost = links.cost[mine]
+            cost = cost[:, np.isfinite(cost).any(axis=0)]
+            near = np.isfinite(cost)
+            gain = np.where(near, 1.0 - cost, 0.0)
+            dear = cost.shape[1] + 1.0  # half a change for more than this gains nothing: better without
+            share = _shares(groups.track[mine], groups.measurement[mine], gain, min(float(switch) / 2.0, dear))
+            localisation += float((share[near] * cost[near]).sum())
+            paired += float(share[near].sum())
+            changes += float(np.abs(np.diff(share, axis=1)).sum()) / 2.0 if switch / 2.0 < dear else 0.0
+        missed = (1.0 - rho) * max(n_truth - paired, 0.0)
+        false = rho * max(n_estimates - paired, 0.0)
+        switched = float(switch) * changes if changes else 0.0
+        unit = np.power(np.float64(c), p)  # may be too large for a float, as the parts then are
+        localisation_p, missed_p, false_p, switch_p = (
+            float(part * unit) if part else 0.0 for part in (localisation, missed, false, switched)
+        )
+        total = c * (localisation + missed + false + switched) ** (1.0 / p)
     return TGospa(total, localisation_p, missed_p, false_p, switch_p, changes if gamma > 0.0 else 0.0)
 
 
@@ -93,11 +102,12 @@ def _trajectories(name: str, values: ArrayLike) -> tuple[FloatArray, int]:
     return states, int((~absent[:, :, 0]).sum())
 
 
-def _links(X: FloatArray, Y: FloatArray, c: float, p: float) -> _Links:
+def _links(X: FloatArray, Y: FloatArray, p: float) -> _Links:
+    """Pairs that come nearer than 1."""
     truth, estimate, cost = [], [], [np.zeros((0, X.shape[1]))]
     for i in range(len(X) if len(Y) else 0):
         distance = np.linalg.norm(Y - X[i], axis=2)
-        distance[~(distance < c)] = np.inf  # absent ones are nan
+        distance[~(distance < 1.0)] = np.inf  # absent ones are nan
         near = np.flatnonzero(np.isfinite(distance).any(axis=1))
         truth.append(np.full(len(near), i))
         estimate.append(near)
@@ -158,7 +168,7 @@ def _linear_program(truth: IntArray, estimate: IntArray, gain: FloatArray, half_
         shape=(n_times * len(crowded), n_y + 2 * n_steps),
     )
     solution = linprog(
-        np.concatenate([-gain.T.ravel(), np.full(2 * n_steps, half_switch)]),
+        SCALE * np.concatenate([-gain.T.ravel(), np.full(2 * n_steps, half_switch)]),
         A_ub=once,
         b_ub=np.ones(once.shape[0]),
         A_eq=changes,

@@ -103,3 +103,33 @@ def test_senseless_settings_are_errors(changed: dict[str, float]) -> None:
 def test_senseless_trajectories_are_errors(truth: FloatArray) -> None:
     with pytest.raises(ValueError):
         score(truth, np.zeros((1, 2, 1)))
+
+
+def _swapping(seed: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Four ships of 40 scans in metres; half way two estimates change places, and a fifth of all are missing."""
+    rng = np.random.default_rng(seed)
+    X = np.cumsum(rng.normal(0, 5, (4, 40, 2)), 1) + rng.normal(0, 60, (4, 1, 2))
+    Y = X + rng.normal(0, 10, X.shape)
+    Y[0, 20:], Y[1, 20:] = Y[1, 20:].copy(), Y[0, 20:].copy()
+    Y[rng.random(Y.shape[:2]) < 0.2] = np.nan
+    return X, Y
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1 / 1852, 1 / 111_000, 1e-9, 1e6])
+@pytest.mark.parametrize("p", [1.0, 2.0, 10.0])
+def test_the_unit_of_length_does_not_matter(unit: float, p: float) -> None:
+    X, Y = _swapping()
+    metres = t_gospa(X, Y, c=100.0, p=p, gamma=20.0)
+    scaled = t_gospa(X * unit, Y * unit, c=100.0 * unit, p=p, gamma=20.0 * unit)
+    assert scaled.total / unit == pytest.approx(metres.total, rel=1e-9)
+    assert scaled.n_switch == pytest.approx(metres.n_switch, abs=1e-6)
+
+
+@pytest.mark.parametrize(("p", "gamma"), [(2.0, 1e160), (200.0, 20.0), (200.0, 1e9), (1.0, 1e300)])
+def test_a_change_that_is_too_dear_does_not_happen_and_nothing_overflows(p: float, gamma: float) -> None:
+    X, Y = _swapping()
+    found = t_gospa(X, Y, c=100.0, p=p, gamma=gamma)
+    assert np.isfinite(found.total)
+    if gamma > 100.0:
+        assert found.n_switch == 0.0
+        assert found.total == pytest.approx(t_gospa(X, Y, c=100.0, p=p, gamma=1e4).total, rel=1e-9)
