@@ -39,6 +39,9 @@ cells are damaged or don't fit stays as it is and is counted.
 The time of a datagram is that of its reception; in data blocks as they are it is the time of day of its records, on
 the day --date (else 1970-01-01), and goes on after midnight.
 
+Data blocks as they are hold whole ones alone: what is left of a block that the recording has only in part (a fragment
+is missing, a packet was cut off) is left out, told and counted. The other containers keep it.
+
 Ends with 0 where all that was wanted is written, 1 where OUT can't hold some of it, 2 where there is nothing to write.
 
 Examples:
@@ -50,7 +53,11 @@ Examples:
     maritrack convert watch.pcap --stream 239.0.1.2:8600 - | maritrack process -
 """
 KINDS = ("raw", "pcap", "final", "mcap")
-WHY = {"outside-time": "outside the time", "other-sensor": "of other sensors", "too-large": "too large for this file"}
+WHY = {
+    "outside-time": "datagrams left out: outside the time", "other-sensor": "datagrams left out: of other sensors",
+    "too-large": "datagrams left out: too large for this file",
+    "incomplete": "data blocks left out: only parts of them are there, which this file can't hold",
+}  # fmt: skip
 
 
 def register(app: typer.Typer) -> None:
@@ -81,6 +88,7 @@ def convert(
     quiet: opt.Quiet = False,
 ) -> None:  # fmt: skip
     """Open both, convert, tell."""
+    from maritrack.convert import UNFIT
     from maritrack.convert import convert as run
     from maritrack.io.cat240.reader import refuse
     from maritrack.io.rewrite.recorded import open_recorded
@@ -103,7 +111,7 @@ def convert(
         raise
     writer.close() if counts.datagrams_out else _give_up(writer, out)
     _tell(counts, str(out), json_=json_, quiet=quiet)
-    if counts.dropped["too-large"]:
+    if any(counts.dropped[why] for why in UNFIT):
         raise typer.Exit(1)
 
 
@@ -189,7 +197,7 @@ def _lines(document: dict[str, Any]) -> list[str]:
     ]
     done = {"recoded": document["records_recoded"], "of other sensors left out": document["records_cut"]}
     lines += [f"{n} records {what}" for what, n in done.items() if n]
-    lines += [f"{n} datagrams left out: {WHY[why]}" for why, n in document["datagrams_dropped"].items() if n]
+    lines += [f"{n} {WHY[why]}" for why, n in document["datagrams_dropped"].items() if n]
     for code, told in document["warnings"].items():
         sensors = f" ({', '.join(told['sensors'])})" if told["sensors"] else ""
         lines.append(f"warning: {code} x {told['count']}{sensors}, first at byte {told['offset']}: {told['message']}")

@@ -16,7 +16,7 @@ from maritrack.errors import InputError, UsageError
 from maritrack.io.cat240.reader import refuse
 from maritrack.io.cat240.recordwalk import sensor_name
 from maritrack.io.containers.kinds import RAW, Opened, open_container
-from maritrack.io.containers.select import subset
+from maritrack.io.containers.select import subset, whole_blocks
 from maritrack.io.datagrams import Datagrams, DatagramWriter, Stream
 from maritrack.io.rewrite.datablocks import part_of
 from maritrack.io.rewrite.datagram_times import Bound, Clock, Span, as_text, parse_window, resolve
@@ -27,7 +27,9 @@ from maritrack.io.source import Octets
 from maritrack.io.times import day_start_ns
 from maritrack.types import Damage
 
-OUTSIDE, OTHERS, TOO_LARGE = "outside-time", "other-sensor", "too-large"  # why datagrams are left out
+OUTSIDE, OTHERS, TOO_LARGE, INCOMPLETE = "outside-time", "other-sensor", "too-large", "incomplete"
+LEFT_OUT = (OUTSIDE, OTHERS, TOO_LARGE, INCOMPLETE)  # why datagrams or, the latter two, data blocks are left out
+UNFIT = (TOO_LARGE, INCOMPLETE)  # for what is written to
 
 MOST, MOST_OCTETS = 65_536, 8 << 20  # datagrams and their octets at a time
 
@@ -56,7 +58,7 @@ class Counts:
     payload_out: int = 0
     recoded: int = 0  # records
     cut: int = 0  # records of other sensors
-    dropped: dict[str, int] = field(default_factory=lambda: dict.fromkeys((OUTSIDE, OTHERS, TOO_LARGE), 0))
+    dropped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(LEFT_OUT, 0))
     first_ns: int | None = None  # written
     last_ns: int | None = None
     warnings: dict[str, Warned] = field(default_factory=dict)
@@ -183,6 +185,8 @@ class _Job:
             raise InputError(f"{self.name}: {_nothing(opened, stream)}")
         if counts.datagrams_out or counts.dropped[TOO_LARGE]:
             return
+        if counts.dropped[INCOMPLETE]:
+            raise InputError(f"{self.name}: not one data block is whole", hint=".pcap and .mcap hold parts of them")
         assert self.begun_ns is not None
         if counts.dropped[OTHERS]:
             assert self.wanted.sensor is not None
@@ -213,6 +217,8 @@ class _Job:
     def _of_sensor(self, d: Datagrams) -> Datagrams:
         if self.wanted.sensor is None or len(d) == 0:
             return d
+        d = whole_blocks(replace(d, damage=()))  # of the rest nobody knows whose it is
+        self._tell(d.damage)
         ours = of_sensor(d, self.wanted.sensor)
         self.sources |= ours.sources
         self.counts.cut += ours.cut
@@ -240,24 +246,30 @@ class _Job:
             if not write(payload, t_ns=t, stream=streams[stream]):
                 lost += 1
                 size -= len(payload)
-                self._write_parts(payload, int(d.offset[at + i]), t, streams[stream])
+                self._write_parts(part_of(d, at + i, at + i + 1), payload, streams[stream])
         counts.datagrams_out += len(payloads) - lost
         counts.payload_out += size
         first, last = int(t_ns.min()), int(t_ns.max())
         counts.first_ns = first if counts.first_ns is None else min(counts.first_ns, first)
         counts.last_ns = last if counts.last_ns is None else max(counts.last_ns, last)
 
-    def _write_parts(self, payload: bytes, offset: int, t_ns: int, stream: Stream) -> None:
-        """Write a datagram that the container can't hold as one data block after the other."""
-        blocks, at = data_blocks(payload), offset
-        for block in blocks:
-            if len(blocks) > 1 and self.writer.write(block, t_ns=t_ns, stream=stream):
-                self.counts.datagrams_out += 1
-                self.counts.payload_out += len(block)
-            else:
-                self.counts.dropped[TOO_LARGE] += 1
-                self._tell([Damage(TOO_LARGE, at, f"a data block of {len(block)} octets is too large to be written")])
-            at += len(block)
+    def _write_parts(self, one: Datagrams, payload: bytes, stream: Stream) -> None:
+        """Write a datagram that the container can't hold, with this payload, as one data block after the other."""
+        t_ns = int(one.t_ns[0])
+        whole = whole_blocks(replace(one, data=payload, bounds=np.array([0, len(payload)]), damage=()))
+        self.counts.dropped[INCOMPLETE] += len(whole.damage)
+        self._tell(whole.damage)
+        for (first, last), offset in zip(pairwise(whole.bounds.tolist()), whole.offset.tolist(), strict=True):
+            at = offset
+            for block in data_blocks(whole.data[first:last]):
+                if self.writer.write(block, t_ns=t_ns, stream=stream):
+                    self.counts.datagrams_out += 1
+                    self.counts.payload_out += len(block)
+                else:
+                    self.counts.dropped[TOO_LARGE] += 1
+                    message = f"a data block of {len(block)} octets is too large to be written"
+                    self._tell([Damage(TOO_LARGE, at, message)])
+                at += len(block)
 
 
 def _nothing(opened: Opened, stream: str) -> str:

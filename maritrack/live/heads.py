@@ -31,17 +31,6 @@ def sensor_name(sensor: int) -> str:
     return f"{sensor >> 8}-{sensor & 0xFF}"
 
 
-def is_blocks(payload: bytes) -> bool:
-    """Whether a datagram is made of whole data blocks, so that it can stand in a recording without any frame."""
-    at, size = 0, len(payload)
-    while at + HEADER <= size and payload[at] > 0:
-        length = payload[at + 1] << 8 | payload[at + 2]
-        if length < HEADER:
-            return False
-        at += length
-    return at == size > 0
-
-
 def read_head(data: bytes, begin: int, end: int) -> Head:
     """The head of the first CAT240 record of the datagram at `begin`; NO_HEAD where it has none."""
     if not holds_cat240(data, begin, end):

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from maritrack.io.cat240.framing import CAT240
+from maritrack.io.containers.select import is_blocks
 from maritrack.io.datagrams import NO_TIME, DatagramWriter, Stream
 from maritrack.live.batches import Batch, Key
-from maritrack.live.heads import is_blocks, read_head, sensor_name
+from maritrack.live.heads import read_head, sensor_name
 from maritrack.live.receiver import Receiver
 from maritrack.live.sockets import dropped
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from maritrack.io.containers.pcap_writer import PcapWriter
+from maritrack.io.datagrams import Stream
 from tests.cli.calling import COMMAND, ENVIRONMENT, call, spawn
 from tests.io.cat240_blocks import block, packed_video, read, video
 
@@ -162,6 +164,21 @@ def test_what_the_file_can_not_hold_is_told_by_exit_1(tmp_path: Path) -> None:
     assert done.code == 1 and "1 datagrams left out: too large" in done.out and "first at byte 51" in done.out
     assert call("convert", out, tmp_path / "back.cat240").code == 0
     assert [of.radials.idx.tolist() for of in read((tmp_path / "back.cat240").read_bytes()) if of.radials] == [[1]]
+
+
+def test_a_block_that_is_there_in_part_is_told_by_exit_1(tmp_path: Path) -> None:
+    cut, whole = block(video(1)), block(video(2))
+    with (tmp_path / "cut.pcap").open("wb") as file:
+        writer = PcapWriter(file)
+        for payload in (cut[:-9], whole):
+            writer.write(payload, t_ns=10**18, stream=Stream("10.0.0.7:5000", "239.0.1.2:8600"))
+    done = call("convert", tmp_path / "cut.pcap", tmp_path / "out.cat240")
+    assert done.code == 1 and "1 data blocks left out: only parts of them are there" in done.out
+    assert "truncated-block x 1" in done.out and (tmp_path / "out.cat240").read_bytes() == whole
+    assert call("convert", tmp_path / "cut.pcap", tmp_path / "out.mcap").code == 0
+    command = [*COMMAND, "convert", str(tmp_path / "cut.pcap"), "-"]
+    piped = subprocess.run(command, capture_output=True, env=ENVIRONMENT, check=False)
+    assert piped.returncode == 1 and b"1 data blocks left out" in piped.stderr and piped.stdout == whole
 
 
 def test_standard_output_takes_data_blocks_alone(sample: Path) -> None:

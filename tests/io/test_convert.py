@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from maritrack.errors import InputError, UsageError
 from maritrack.io.containers.kinds import open_container
 from maritrack.io.containers.writers import ENCODERS, RawWriter, open_writer
 from maritrack.io.datagrams import DAY_NS, NO_TIME, Datagrams, DatagramWriter, Stream
+from maritrack.io.dump import dump_recording
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.rewrite.datagram_times import Clock, Span, as_text, parse_window, resolve
 from maritrack.io.times import iso_to_s
@@ -31,6 +32,7 @@ TICKS = 128
 SAMPLE = ROOT / "data" / "samples" / "harbour.cat240"
 SOLENT = "data/marce_solent/run_01_005/solent_01_005.cat240"
 CHAIN = ("one.pcap", "two.final", "three.mcap", "four.cat240")
+BROKEN = ("truncated-block", "lost-sync", "block-length<3")
 PACKED = ("one.pcap.gz", "two.mcap", "three.final.gz", "four.pcap", "five.cat240.gz", "six.cat240")
 
 
@@ -68,6 +70,22 @@ def done(octets: bytes, **how: Any) -> tuple[Collected, Counts]:
 
 def raw(octets: bytes, **how: Any) -> bytes:
     return b"".join(done(octets, **how)[0].payloads)
+
+
+def encoding(encoder: Any) -> DatagramWriter:
+    """A writer out of what writes a container."""
+    encoder.close = encoder.abort = encoder.flush
+    return cast(DatagramWriter, encoder)
+
+
+def dumped(octets: bytes) -> list[dict[str, Any]]:
+    return list(dump_recording(octets_from_bytes(octets, name="rec", channel=""), cells=True))
+
+
+def records_of(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What the records say, wherever they stand, whenever they came and however their cells are coded."""
+    where = ("offset", "received_s", "stream", "compressed", "nbvb", "block", "rep")
+    return [{key: value for key, value in row.items() if key not in where} for row in rows if "warning" not in row]
 
 
 def packed_as(kind: str, datagrams: Sequence[tuple[bytes, int, Stream]]) -> bytes:
@@ -415,11 +433,53 @@ def test_converting_again_changes_nothing_whatever_the_octets_are(octets: bytes,
 
 def test_a_hostile_recording_does_not_grow_without_bound() -> None:
     bombs = b"".join(block(packed_video(i, bytes(65_000))) for i in range(2000))
-    size, writer = 0, RawWriter(io.BytesIO())
-    counts = convert(octets_from_bytes(bombs, name="rec", channel=""), writer, compress=False)  # type: ignore[arg-type]
-    size = counts.payload_out
-    assert size < 256 * len(bombs) + (5 << 20) and counts.warnings["inflation-budget"].count > 500
+    writer = encoding(RawWriter(io.BytesIO()))
+    counts = convert(octets_from_bytes(bombs, name="rec", channel=""), writer, compress=False)
+    assert counts.payload_out < 256 * len(bombs) + (5 << 20) and counts.warnings["inflation-budget"].count > 500
 
 
 def test_times_are_shown_without_a_day_that_is_unknown() -> None:
     assert (as_text(61 * S), as_text(NOON)) == ("00:01:01", "2017-11-02T12:00:00Z")
+
+
+@pytest.mark.parametrize("kind", ["pcap", "mcap"])
+@given(
+    st.lists(st.tuples(st.integers(1, 3), st.integers(0, 60), st.binary(max_size=9)), min_size=1, max_size=12),
+    st.sampled_from([None, True, False]),
+)
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_blocks_that_are_there_in_part_do_not_hide_the_next_ones(
+    kind: str, sent: list[tuple[int, int, bytes]], compress: bool | None
+) -> None:
+    """Datagrams of some blocks, the end cut off, and octets that are no block: what is read stays the same."""
+    made, idx = list[tuple[bytes, int, Stream]](), 0
+    for n, cut, behind in sent:
+        blocks = b"".join(at(1, idx + i, cells=bytes([idx]) * 40) for i in range(n))
+        made.append((blocks[: len(blocks) - cut] + behind, NOON + idx * S, ENDS))
+        idx += n
+    octets = packed_as(kind, made)
+    before, file = dumped(octets), io.BytesIO()
+    try:
+        counts = convert(
+            octets_from_bytes(octets, name="rec", channel=""), encoding(RawWriter(file)), compress=compress
+        )
+    except InputError:
+        assert records_of(before) == []
+        return
+    broken = [row for row in before if row.get("warning") in BROKEN]
+    assert counts.dropped["incomplete"] == len(broken)
+    assert sum(told.count for code, told in counts.warnings.items() if code in BROKEN) == len(broken)
+    assert records_of(dumped(file.getvalue())) == records_of(before)
+
+
+def test_a_recording_of_parts_alone_is_told() -> None:
+    octets = packed_as("pcap", [(at(1, i)[:-9], NOON, ENDS) for i in range(3)])
+    with pytest.raises(InputError, match="rec: not one data block is whole"):
+        convert(octets_from_bytes(octets, name="rec", channel=""), encoding(RawWriter(io.BytesIO())))
+
+
+def test_a_record_of_one_sensor_does_not_come_out_of_a_part_of_a_block() -> None:
+    sent = [(at(1, 1) + at(1, 2)[:30], NOON, ENDS), (at(1, 3), NOON, ENDS)]
+    found, counts = done(packed_as("pcap", sent), sensor="1-2")
+    assert found.payloads == [at(1, 1), at(1, 3)]
+    assert counts.warnings["truncated-block"].count == 1 and counts.dropped["incomplete"] == 0

@@ -98,6 +98,17 @@ def holds_cat240(data: bytes, begin: int, end: int) -> bool:
     return False
 
 
+def is_blocks(payload: bytes) -> bool:
+    """Whether a datagram is made of whole data blocks, so that it can stand in a recording without any frame."""
+    at, size = 0, len(payload)
+    while at + HEADER <= size and payload[at] > 0:
+        length = payload[at + 1] << 8 | payload[at + 2]
+        if length < HEADER:
+            return False
+        at += length
+    return at == size > 0
+
+
 def subset(d: Datagrams, keep: BoolArray) -> Datagrams:
     """Those datagrams alone."""
     rows = np.flatnonzero(keep)

@@ -12,6 +12,7 @@ from typing import BinaryIO, Protocol, cast
 from maritrack.errors import InputError, UsageError
 from maritrack.io.containers.final import FinalWriter
 from maritrack.io.containers.pcap_writer import PcapWriter
+from maritrack.io.containers.select import is_blocks
 from maritrack.io.datagrams import DatagramWriter, Stream
 
 KINDS = {
@@ -35,12 +36,17 @@ class Encoder(Protocol):
 
 
 class RawWriter:
-    """Writes payloads one behind the other to an open file. Times and streams are not written, everything fits."""
+    """Writes payloads one behind the other to an open file. Times and streams are not written.
+
+    Only whole data blocks fit: the rest of a block that is cut off would take the ones behind it for its own octets.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
 
     def write(self, payload: bytes, *, t_ns: int, stream: Stream) -> bool:
+        if not is_blocks(payload):
+            return False
         self._file.write(payload)
         return True
 
