@@ -23,7 +23,7 @@ from maritrack.io.dump import dump_recording
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.rewrite.datagram_times import Clock, Span, as_text, parse_window, resolve
 from maritrack.io.times import iso_to_s
-from tests.io.cat240_blocks import block, packed_video, read, record, rows, video
+from tests.io.cat240_blocks import block, codes, indices, packed_video, read, record, rows, video
 from tests.io.test_cat240_equal import streams
 from tests.shared import ROOT, shared
 
@@ -483,3 +483,30 @@ def test_a_record_of_one_sensor_does_not_come_out_of_a_part_of_a_block() -> None
     found, counts = done(packed_as("pcap", sent), sensor="1-2")
     assert found.payloads == [at(1, 1), at(1, 3)]
     assert counts.warnings["truncated-block"].count == 1 and counts.dropped["incomplete"] == 0
+
+
+@given(streams())
+@settings(derandomize=True, deadline=None, max_examples=400)
+def test_of_a_damaged_recording_all_that_can_be_read_goes_over(octets: bytes) -> None:
+    before = records_of(dumped(octets))
+    try:
+        assert records_of(dumped(raw(octets))) == before
+    except InputError:
+        assert before == []
+
+
+@pytest.mark.parametrize("how", ["junk", "cut", "long", "short"])
+def test_a_broken_chain_of_blocks_costs_no_record_that_can_be_read(how: str) -> None:
+    """Over several windows of the reader; of a block with a wrong LEN the part that was read comes with a right one."""
+    good = [block(video(i, cells=bytes([i % 256]) * 400)) for i in range(26_000)]
+    broken = {
+        "junk": lambda one: bytes(7) + one[5:60], "cut": lambda one: one[:-90],
+        "long": lambda one: one[:1] + (len(one) + 70).to_bytes(2, "big") + one[3:],
+        "short": lambda one: one[:1] + (len(one) - 70).to_bytes(2, "big") + one[3:],
+    }[how]  # fmt: skip
+    octets = b"".join(broken(one) if i % 50 == 7 else one for i, one in enumerate(good))
+    found, counts = done(octets)
+    out, before = b"".join(found.payloads), indices(read(octets))
+    assert indices(read(out)) == before and len(before) >= 25_400
+    assert "lost-sync" in counts.warnings or "truncated-block" in counts.warnings
+    assert how in ("cut", "short") or codes(read(out)) == []

@@ -8,13 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from maritrack.io.cat240.framing import CAT240, Window, chain, other_blocks, pieces, window
-from maritrack.io.cat240.items import next_block
 from maritrack.io.containers.ledger import Ledger
 from maritrack.io.containers.select import Selection
-from maritrack.io.datagrams import NO_TIME, Container, Datagrams, Stream
+from maritrack.io.datagrams import Container, Datagrams, Stream
 from maritrack.io.source import Octets
-from maritrack.types import Damage, IntArray
+from maritrack.types import Damage
 
 RAW, PCAP, PCAPNG, FINAL, MCAP = "raw", "pcap", "pcapng", "FINAL", "MCAP"
 GZIP = b"\x1f\x8b\x08"
@@ -24,7 +22,6 @@ PCAP_MAGIC = (
 )  # fmt: skip
 PCAPNG_MAGIC, MCAP_MAGIC = b"\x0a\x0d\x0d\x0a", b"\x89MCAP0\r\n"
 HEAD_UNPACKED = 64 * 1024
-MOST_BLOCKS = 4096
 
 
 def unpacked_head(head: bytes) -> bytes:
@@ -142,55 +139,12 @@ READERS: dict[str, Callable[[Iterable[bytes]], Container]] = {
 }  # fmt: skip
 
 
+def _data_blocks(chunks: Iterable[bytes]) -> Iterator[Datagrams]:
+    from maritrack.io.containers.rawblocks import data_blocks
+
+    return data_blocks(chunks)
+
+
 def _nothing(end: int) -> Datagrams:
     none = np.zeros(0, dtype=np.int64)
     return Datagrams(end, b"", np.zeros(1, dtype=np.int64), none, none, none)
-
-
-def _data_blocks(chunks: Iterable[bytes]) -> Iterator[Datagrams]:
-    """The data blocks of a raw recording; what is between them is damage."""
-    rest, base, lost = b"", 0, -1
-    for piece in pieces(chunks):
-        w = window(base, b"".join((rest, piece)), final=False)
-        found, at, lost = _blocks_in(w, lost)
-        yield found
-        rest, base = w.data[at:], base + at
-    yield _blocks_in(window(base, rest, final=True), lost)[0]
-
-
-def _blocks_in(w: Window, lost: int) -> tuple[Datagrams, int, int]:
-    """The blocks of a window, where the next one goes on, and where the chain of blocks is broken (-1 = it is not)."""
-    at, starts, damage = 0, [np.zeros(0, dtype=np.int64)], []
-    ends = [np.zeros(0, dtype=np.int64)]
-    while at < len(w.data):
-        if lost >= 0:
-            at, _ = next_block(w, at)
-            if at >= w.limit:
-                break
-            damage.append(Damage("lost-sync", lost, f"{w.base + at - lost} octets that are no data block"))
-            lost = -1
-        places = chain(w, at, MOST_BLOCKS)
-        if len(places) == 1 and at < w.limit and w.data[at] != CAT240:
-            places = np.array([at, *other_blocks(w, at)], dtype=np.int64)
-        if len(places) > 1:
-            starts.append(places[:-1])
-            ends.append(places[1:])
-            at = int(places[-1])
-        elif at < w.limit:
-            lost, at = w.base + at, at + 1
-        else:
-            break
-    if w.final and lost >= 0:
-        damage.append(Damage("lost-sync", lost, f"{w.base + len(w.data) - lost} octets that are no data block"))
-        at = len(w.data)
-    return _as_datagrams(w, np.concatenate(starts), np.concatenate(ends), at, tuple(damage)), at, lost
-
-
-def _as_datagrams(w: Window, first: IntArray, last: IntArray, at: int, damage: tuple[Damage, ...]) -> Datagrams:
-    from maritrack.io.containers.select import spans
-
-    n = len(first)
-    zeros = np.zeros(n, dtype=np.int64)
-    # The window as datagrams whose bounds are the blocks' starts, then only the blocks themselves.
-    whole = Datagrams(w.base + at, w.data, np.append(first, at), w.base + first, np.full(n, NO_TIME), zeros, damage)
-    return spans(whole, np.arange(n), first, last)
