@@ -151,9 +151,9 @@ def _open(out: Path, kind: str) -> DatagramWriter:
 
 def _give_up(writer: DatagramWriter, out: Path) -> None:
     """Leave nothing behind."""
-    writer.abort()
     if str(out) != "-":
-        _partial(out).unlink(missing_ok=True)
+        _partial(out).unlink(missing_ok=True)  # while no other can have it
+    writer.abort()
 
 
 class _StandardOutput:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 HELP = """The radar video that comes to a UDP port, into a recording, until interrupted.
 
 What comes is written as it is, with the time at which the kernel received it. The file grows under the name
-OUT.partial, readable even after a kill, and gets its name at the end.
+OUT.partial, readable even after a kill, and gets its name at the end. One process at a time writes an OUT.
 
 Ends with 0 where all was recorded; 1 where datagrams were lost, or were none that the file can hold; 2 where none came.
 
@@ -175,8 +175,8 @@ def _broken(error: OSError | MaritrackError, writer: DatagramWriter, out: Path, 
 
 def _drop(writer: DatagramWriter, out: Path) -> None:
     """Nothing was recorded: leave nothing."""
+    _partial(out).unlink(missing_ok=True)  # while no other can have it
     writer.abort()
-    _partial(out).unlink(missing_ok=True)
 
 
 def _partial(out: Path) -> Path:

@@ -9,10 +9,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from maritrack.errors import InputError, UsageError
+from maritrack.io.containers import writers
 from maritrack.io.containers.final import FinalReader, looks_final
 from maritrack.io.containers.gunzip import gunzip
 from maritrack.io.containers.mcap_datagrams import McapReader
@@ -139,6 +141,51 @@ def test_a_killed_recording_keeps_what_was_flushed(name: str, tmp_path: Path) ->
     assert done.returncode == -signal.SIGKILL
     got = read(READERS[name[2:]]([(tmp_path / f"{name}.partial").read_bytes()]))
     assert got.payloads == [gram.payload for gram in GRAMS[:150]]
+    writer = open_writer(tmp_path / name)  # it is in nobody's way
+    write(writer, GRAMS[:3])
+    writer.close()
+    assert os.listdir(tmp_path) == [name] and read(READERS[name[2:]]([(tmp_path / name).read_bytes()])).payloads == [
+        gram.payload for gram in GRAMS[:3]
+    ]
+
+
+@pytest.mark.parametrize("name", ["x.raw", "x.mcap", "x.pcap.gz"])
+def test_one_at_a_time_writes_a_file(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    for end in ("close", "abort"):
+        first = open_writer(path)
+        write(first, GRAMS[:100])
+        with pytest.raises(InputError, match=f"{path}: another process is writing it"):
+            open_writer(path)
+        write(first, GRAMS[100:])
+        getattr(first, end)()
+    whole = path.read_bytes()
+    assert (tmp_path / f"{name}.partial").read_bytes() == whole  # of the one that was aborted
+    second = open_writer(path)
+    write(second, GRAMS)
+    second.close()
+    assert path.read_bytes() == whole and os.listdir(tmp_path) == [name]
+
+
+def test_a_file_that_got_its_name_meanwhile_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, lock = tmp_path / "x.raw", writers._lock
+    first = open_writer(path)
+    write(first, GRAMS)
+
+    def late(file: Any) -> None:
+        """The other one ends between the opening and the locking."""
+        first.close()
+        lock(file)
+
+    monkeypatch.setattr(writers, "_lock", late)
+    second = open_writer(path)
+    write(second, GRAMS[:2])
+    second.flush()
+    assert path.read_bytes() == b"".join(gram.payload for gram in GRAMS)
+    second.close()
+    assert path.read_bytes() == b"".join(gram.payload for gram in GRAMS[:2]) and os.listdir(tmp_path) == ["x.raw"]
 
 
 @pytest.mark.parametrize("name", ["x.pcap", "x.mcap", "x.cat240.gz"])

@@ -61,7 +61,8 @@ class FileWriter:
     """Writes PATH.partial, which `close` gives its name. InputError, naming the file, where it can't be written.
 
     After `abort`, as after a kill, PATH.partial stays and can be read: after `abort` all of it, after a kill what was
-    written before the last `flush`. PATH is only touched by `close`.
+    written before the last `flush`. PATH is only touched by `close`. One process at a time writes it: InputError for
+    others; a process that is gone holds nothing.
     """
 
     def __init__(self, path: Path, encoder: Callable[[BinaryIO], Encoder], *, gzipped: bool = False) -> None:
@@ -69,7 +70,9 @@ class FileWriter:
         with self._named():
             if path.is_dir():
                 raise IsADirectoryError("is a folder")
-            self._files = [self._partial.open("wb", buffering=BUFFER)]
+            file = _opened_alone(self._partial, path)
+            self._held = os.dup(file.fileno())  # until the file has its name
+            self._files = [file]
             if gzipped:
                 packed = gzip.GzipFile(
                     filename="", mode="wb", compresslevel=GZIP_LEVEL, fileobj=self._files[0], mtime=0
@@ -93,13 +96,17 @@ class FileWriter:
     def close(self) -> None:
         if self._open:
             with self._named():
-                self._end()
-                os.replace(self._partial, self._path)
+                try:
+                    self._end()
+                    os.replace(self._partial, self._path)
+                finally:
+                    self._let_go()
 
     def abort(self) -> None:
         """End the file but leave it PATH.partial. Never raises for a full disk; once is enough."""
         with suppress(OSError):
             self._end()
+        self._let_go()
 
     def _end(self) -> None:
         if self._open:
@@ -118,6 +125,11 @@ class FileWriter:
         finally:
             last.close()
 
+    def _let_go(self) -> None:
+        if self._held >= 0:
+            os.close(self._held)
+            self._held = -1
+
     @contextmanager
     def _named(self) -> Iterator[None]:
         try:
@@ -128,6 +140,36 @@ class FileWriter:
     def _error(self, error: OSError) -> InputError:
         reason = error.strerror or str(error)
         return InputError(f"{self._path}: can't be written: {reason[:1].lower()}{reason[1:]}")
+
+
+def _opened_alone(partial: Path, path: Path) -> BinaryIO:
+    """The file, emptied and locked for this process; the lock ends with the last descriptor of it."""
+    while True:
+        file = os.fdopen(os.open(partial, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666), "wb", BUFFER)
+        try:
+            _lock(file)
+            if partial.exists() and os.path.samestat(os.fstat(file.fileno()), partial.stat()):
+                with suppress(OSError):  # what has no length needs no emptying
+                    file.truncate(0)
+                return file
+        except BlockingIOError:
+            file.close()
+            raise InputError(f"{path}: another process is writing it", hint="choose another name") from None
+        file.close()  # the process that wrote it has just given it its name
+
+
+def _lock(file: BinaryIO) -> None:
+    """BlockingIOError where another process holds it."""
+    try:
+        import fcntl
+    except ImportError:  # not on this system: no lock
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # not on this file system
+        return
 
 
 def open_writer(path: Path, *, kind: str = "") -> DatagramWriter:
