@@ -42,6 +42,9 @@ the day --date (else 1970-01-01), and goes on after midnight.
 Data blocks as they are hold whole ones alone: what is left of a block that the recording has only in part (a fragment
 is missing, a packet was cut off) is left out, told and counted. The other containers keep it.
 
+--strict reads the whole recording (of --stream) on the way as `process --strict` does, records, cells and scans, and
+leaves no OUT where anything is wrong with it.
+
 Ends with 0 where all that was wanted is written, 1 where OUT can't hold some of it, 2 where there is nothing to write.
 
 Examples:
@@ -83,7 +86,7 @@ def convert(
     ] = "",
     date: Annotated[str, opt.given("--date", "Day of a recording that tells times of day only: YYYY-MM-DD.")] = "",
     force: Annotated[bool, opt.output("--force", "Write over a file that is there.")] = False,
-    strict: Annotated[bool, opt.given("--strict", "Stop at the first damage.")] = False,
+    strict: Annotated[bool, opt.given("--strict", "Stop at the first damage that process --strict stops at.")] = False,
     json_: opt.Json = False,
     quiet: opt.Quiet = False,
 ) -> None:  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 from maritrack.errors import InputError, UsageError
 from maritrack.io.cat240.reader import refuse
 from maritrack.io.cat240.recordwalk import sensor_name
+from maritrack.io.checked import checked
 from maritrack.io.containers.kinds import RAW, Opened, open_container
 from maritrack.io.containers.select import subset, whole_blocks
 from maritrack.io.datagrams import Datagrams, DatagramWriter, Stream
@@ -104,8 +105,9 @@ def convert(
 
     `compress` True or False recodes the cells of each video record (zlib at `level`), None leaves them. Only what
     lies in `time_window` (see `parse_window`, `resolve`), is of `sensor` ("SAC-SIC") and of `stream` (see `Selection`)
-    is written. `date` is the day of a recording that tells times of day only. With `strict` the first damage raises
-    InputError. The writer is neither closed nor aborted.
+    is written. `date` is the day of a recording that tells times of day only. With `strict` the first damage
+    of the recording (see `checked`), or of what is recoded, raises InputError. The writer is neither closed nor
+    aborted.
     """
     wanted = _Wanted(
         coding=None if compress is None else Coding(compress, level), sensor=parse_sensor(sensor) if sensor else None,
@@ -116,7 +118,7 @@ def convert(
     if stream and opened.name == RAW:
         raise UsageError(f"{octets.name}: data blocks as they are, no streams to choose '{stream}' from")
     job = _Job(octets.name, wanted, writer, opened.streams, Counts(opened.name, opened.gzipped))
-    for d in opened.datagrams():
+    for d in checked(opened, name=octets.name, sensor=sensor) if strict else opened.datagrams():
         job.take(d, clock)
         job.counts.octets_in = opened.stored
         if progress is not None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from maritrack.convert import Counts, convert, parse_sensor
 from maritrack.errors import InputError, UsageError
+from maritrack.io.containers.capture import open_cat240
 from maritrack.io.containers.kinds import open_container
 from maritrack.io.containers.writers import ENCODERS, RawWriter, open_writer
 from maritrack.io.datagrams import DAY_NS, NO_TIME, Datagrams, DatagramWriter, Stream
@@ -402,11 +403,39 @@ def test_damage_is_counted_by_code_with_its_first_place() -> None:
 
 def test_strict_ends_at_the_first_damage() -> None:
     wrong = block(video(9, cells=b"\x78\x9cnonsense", compressed=True, nbcells=40))
-    assert raw(wrong, strict=True) == wrong
-    with pytest.raises(InputError, match=r"rec: .* at byte 3 \(zlib-error\)"):
-        done(wrong, compress=False, strict=True)
-    with pytest.raises(InputError, match="lost-sync"):
+    for how in ({}, {"compress": False}, {"sensor": "1-2"}):
+        with pytest.raises(InputError, match=r"rec: .* at byte 3 \(zlib-error\)"):
+            done(wrong, strict=True, **how)
+    with pytest.raises(InputError, match=rf"at byte {len(at(1))} \(lost-sync\)"):
         done(at(1) + b"junk" + at(2, 2), strict=True)
+    assert raw(SAMPLE.read_bytes(), strict=True) == SAMPLE.read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["raw", "pcap", "mcap"])
+@pytest.mark.parametrize(
+    "wrong",
+    [block(video(9, cells=b"\x78\x9cnonsense", compressed=True, nbcells=40)), block(video(9, res=7)),
+     block(video(9, tod=400)), block(video(9, without=["020"])), block(video(8))],
+    ids=["cells", "resolution", "time", "item", "again"],
+)  # fmt: skip
+def test_strict_stops_where_a_strict_run_stops(kind: str, wrong: bytes) -> None:
+    made = [(payload, NOON + i, ENDS) for i, payload in enumerate([block(video(8)), wrong, block(video(10))])]
+    octets = packed_as(kind, made)
+    recording = open_cat240(octets_from_bytes(octets, name="rec", channel=""), strict=True)
+    with pytest.raises(InputError) as run:
+        list(recording.batches())
+    with pytest.raises(InputError) as copy:
+        done(octets, strict=True)
+    assert str(copy.value) == str(run.value)
+
+
+def test_strict_looks_at_scans_too() -> None:
+    octets = SAMPLE.read_bytes()
+    spokes = done(octets)[0].payloads
+    lost = b"".join(spokes[:3000] + spokes[3100:])
+    with pytest.raises(InputError, match=r"\(lost-records\)"):
+        done(lost, strict=True)
+    assert raw(lost) == lost
 
 
 @pytest.mark.parametrize("octets", [b"", b"\0" * 100, gzip.compress(b"nothing", mtime=0)])
