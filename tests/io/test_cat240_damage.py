@@ -388,3 +388,13 @@ def test_octets_that_are_nothing_cost_no_block_that_is_whole(seed: int) -> None:
         parts.append(block(packed_video(i, cells.tobytes())) if i % 2 else block(video(i, cells=cells.tobytes())))
         parts.append(rng.bytes(int(rng.integers(1, 60))) if i % 10 == 5 else b"")
     assert indices(read(b"".join(parts))) == list(range(400))
+
+
+@pytest.mark.parametrize("n", [1, 40], ids=["few", "many"])
+@pytest.mark.parametrize(("hours", "steps_back"), [(7, 1), (9, 1), (11, 1), (12, 1), (12.01, 0), (13, 0), (20, 0)])
+def test_half_a_day_back_is_midnight(n: int, hours: float, steps_back: int) -> None:
+    first, tick = 22 * 3600 * 128, 1 / (3600 * 128)
+    times = [first + i for i in range(n)] + [first + n - 1 - round(hours / tick) + i for i in range(n)]
+    octets = b"".join(block(video(i, tod=tod)) for i, tod in enumerate(times))
+    for fast in (True, False):
+        assert codes(read(octets, fast=fast)) == ["tod-backwards"] * steps_back

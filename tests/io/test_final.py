@@ -108,6 +108,17 @@ def test_records_out_of_order_around_midnight_are_no_new_days() -> None:
                                                                 DAY_NS + 2 * 10**7]  # fmt: skip
 
 
+def test_a_day_of_silence_is_no_step_back() -> None:
+    octets = b"".join(record(b"", time_cs=t) for t in (1, 8_639_998))
+    assert [gram.t_ns for gram in read_final(octets).grams] == [10**7, 8_639_998 * 10**7]
+
+
+def test_recordings_of_more_than_a_year_keep_their_days() -> None:
+    days = [0, 100, 200, 254, 255, 256, 300, 400, 511, 512, 600]
+    octets = written([Gram(b"", START_NS + day * DAY_NS) for day in days])
+    assert [gram.t_ns // DAY_NS for gram in read_final(octets).grams] == days
+
+
 def test_a_day_without_records_is_a_day() -> None:
     octets = record(b"", day=1) + record(b"", day=200) + record(b"", day=3)
     assert [gram.t_ns // DAY_NS for gram in read_final(octets).grams] == [0, -57, 2]

@@ -224,6 +224,18 @@ def test_fragments_of_an_earlier_datagram_do_not_end_a_later_one(fast: bool) -> 
     assert one.payloads == [PAYLOAD[:72]] and one.codes == [("fragment-missing", 2)]
 
 
+@BOTH
+@pytest.mark.parametrize(("last_s", "payload", "missing"), [(4.9, PAYLOAD, 0), (5.1, PAYLOAD[:72], 2)])
+def test_fragments_in_order_belong_together_for_five_seconds(
+    fast: bool, last_s: float, payload: bytes, missing: int
+) -> None:
+    """In one stretch of the file: packets that follow."""
+    ips = [*fragments4(BODY, 40), *[ipv4(udp(b"next"))] * 3]
+    packets = [Packet(ethernet(ip), T0_NS + round(s * 10**9)) for s, ip in zip((0, 1, *[last_s] * 4), ips, strict=True)]
+    one = read(PcapReader, pcap(packets), fast=fast)
+    assert one.payloads == [payload, *[b"next"] * 3] and dict(one.codes).get("fragment-missing", 0) == missing
+
+
 def test_without_times_the_fragments_since_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fragments, "MAX_AGE", 10)
     first, second, third = fragments4(BODY, 40)

@@ -11,6 +11,7 @@ from numpy.testing import assert_array_equal
 
 from maritrack.io.turns import stream
 from maritrack.io.turns.assemble import Assembler
+from maritrack.io.turns.spokes import lost_records
 from maritrack.types import take
 from tests.io.spins import OCTETS, codes, cuts_of, radials, spin, turns_of
 
@@ -80,6 +81,14 @@ def test_batches_of_different_width_are_filled_with_zeros(monkeypatch: pytest.Mo
     cuts = [*assembler.push(replace(narrow, cells=narrow.cells[:, :4])), *assembler.push(take(of, np.arange(32, 64)))]
     (turn,) = [cut.turn for cut in [*cuts, *assembler.finish()] if cut.turn]
     assert_array_equal(turn.cells, of.cells)
+
+
+def test_more_than_half_of_all_indices_lost_is_a_restart() -> None:
+    half, first = 1 << 31, 77
+    idx = np.array([first, first + half + 1, first, first + half + 2, (1 << 32) - 1, 4, -1, 9])
+    assert lost_records(idx, None).tolist() == [0, half, half - 2, 0, half - 81, 4, 0, 0]
+    assert lost_records(np.array([half + 5]), 4).tolist() == [half]
+    assert lost_records(np.array([half + 6]), 4).tolist() == [0]
 
 
 def test_lost_records_are_counted_once_a_turn_at_the_first_place() -> None:

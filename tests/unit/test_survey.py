@@ -110,6 +110,17 @@ def test_jitter_of_the_rotation_is_told() -> None:
     assert s["period_least_s"] == pytest.approx(2.4, abs=0.01) and s["period_most_s"] == pytest.approx(2.6, abs=0.01)
 
 
+def test_spread_of_the_rotation_is_that_of_a_normal_distribution() -> None:
+    """1.4826 times the median deviation."""
+    blocks: list[bytes] = []
+    t = 3600.0
+    for k in range(25):
+        period = 2.5 + (-0.2, 0.1, 0.0, -0.1, 0.2)[k % 5]
+        blocks += recording(1.0, period_s=period, tod_s=t, first=360 * k)
+        t += period
+    assert sensor_of(blocks)["period_spread_s"] == pytest.approx(0.148, abs=0.012)
+
+
 def test_lost_records_are_told_with_place_and_time() -> None:
     blocks = recording(4.0)
     whole = blocks[:500] + blocks[510:900] + blocks[901:]
@@ -139,6 +150,11 @@ def test_a_missing_sector_over_north_is_one() -> None:
     assert sensor_of(blocks)["missing_sectors"] == [{"from_deg": 350.0, "to_deg": 20.0, "empty_share": 1.0}]
 
 
+def test_a_missing_sector_up_to_north_ends_at_360() -> None:
+    blocks = [one for i, one in enumerate(recording(6.0)) if i % 360 < 350]
+    assert sensor_of(blocks)["missing_sectors"] == [{"from_deg": 350.0, "to_deg": 360.0, "empty_share": 1.0}]
+
+
 def test_bearings_without_width_leave_no_sector_missing() -> None:
     rng = np.random.default_rng(0)
     az = (np.arange(7 * 90) * TURN // 90 + rng.integers(-90, 90, 7 * 90)) % TURN
@@ -160,6 +176,17 @@ def test_range_changes_are_told_with_old_and_new() -> None:
     assert (old["range_m"], new["range_m"]) == (pytest.approx(200), pytest.approx(600))
     assert s["range_change_list"][0]["at"] == "01:00:07.500"
     assert s["range_change_list"][1]["new"]["cells"] == 60
+
+
+def test_a_twentieth_more_cells_are_no_other_range() -> None:
+    blocks, first = list[bytes](), 0
+    for n_cells in (100, 104, 120, 115):
+        blocks += recording(3.0, tod_s=3600.0 + first / 144, first=first, n_cells=n_cells)
+        first += 1080
+    s = sensor_of(blocks)
+    assert s["range_changes"] == 1 and s["scans"] == 12
+    change = s["range_change_list"][0]
+    assert (change["old"]["cells"], change["new"]["cells"]) == (104, 120)
 
 
 def test_two_sensors_are_told_apart_and_neither_disturbs_the_other() -> None:
