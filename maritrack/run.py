@@ -56,8 +56,11 @@ class Tally:
     def note(self, damage: Damage) -> None:
         """Count what was wrong; the first of a code tells where."""
         self.damage[damage.code] = self.damage.get(damage.code, 0) + damage.count
-        first = {"offset": damage.offset, "message": damage.message, "sensor": damage.sensor}
-        self.damage_first.setdefault(damage.code, first)
+        first = self.damage_first.setdefault(
+            damage.code, {"offset": damage.offset, "message": damage.message, "sensor": damage.sensor, "sensors": {}}
+        )
+        sensors = first["sensors"]
+        sensors[damage.sensor or "-"] = sensors.get(damage.sensor or "-", 0) + damage.count
 
     def add(self, result: Result, which: Any) -> None:
         """Take one result in."""

@@ -19,6 +19,7 @@ from maritrack.errors import InputError
 from maritrack.io.archive import read_archive
 from tests.cli.calling import COMMAND, ENVIRONMENT, call, spawn, start
 from tests.cli.conftest import SCANS
+from tests.io.cat240_blocks import block, video
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(64)
 
@@ -210,6 +211,17 @@ def test_a_damage_code_comes_with_its_first_place(sample: Path, tmp_path: Path) 
     first = done["warnings"]
     assert {code: one["count"] for code, one in first.items()} == done["counts"]["warnings"] != {}
     assert all(0 <= one["offset"] <= len(octets) + 3 for one in first.values())
+
+
+def test_a_damage_code_tells_how_often_each_sensor_has_it(tmp_path: Path) -> None:
+    octets = b"".join(
+        block(video(i, azimuth=(i % 128 * 512, (i + 1) % 128 * 512), tod=i, sac_sic=(1, sic), res=7 if i in bad else 4))
+        for i in range(400) for sic, bad in ((2, (150, 160, 170)), (3, (155,)))
+    )  # fmt: skip
+    (tmp_path / "two.cat240").write_bytes(octets)
+    done = call("process", tmp_path / "two.cat240", "--no-rrd", "-o", tmp_path / "out", "-q", "--json").json
+    told = done["warnings"]["bad-res"]
+    assert (told["count"], told["sensor"], told["sensors"]) == (4, "1-2", {"1-2": 3, "1-3": 1})
 
 
 def test_damage_of_the_truth_is_told_beside_that_of_the_recording(sample: Path, tmp_path: Path) -> None:
