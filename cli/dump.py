@@ -39,13 +39,16 @@ def dump(
 ) -> None:
     """Read, write, line by line."""
     from maritrack.errors import InputError
+    from maritrack.io import refuse_known
+    from maritrack.io.containers.kinds import is_gzip_of_nothing
     from maritrack.io.dump import CSV_FIELDS, dump_recording
     from maritrack.io.octets import octets_from_file, octets_from_stdin
 
     octets = octets_from_stdin() if str(recording) == "-" else octets_from_file(recording, "")
     name = octets.name
-    if not octets.head:
-        raise InputError(f"{name}: is empty")
+    if not octets.head or is_gzip_of_nothing(octets.head):
+        raise InputError(f"{name}: empty")
+    refuse_known(octets.head, name)
     seen: dict[str, int] = {}
     rows = _counted(dump_recording(octets, cells=cells, stream=stream), seen)
     _write_csv(rows, CSV_FIELDS) if csv_ else _write_lines(rows)

@@ -131,12 +131,14 @@ def _tell_usage(error: Any) -> None:
         print(f"hint: {error.ctx.command_path} --help", file=sys.stderr)
 
 
-def _forget_output() -> None:
-    """Where standard output can't be written to, drop what is left of it: not an error of its own."""
+def _forget_output() -> str:
+    """Where standard output can't be written to, drop what is left of it: not an error of its own. Then its name."""
     try:
         print(end="", flush=True)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return "standard output: "
+    return ""
 
 
 def main() -> None:
@@ -157,8 +159,8 @@ def main() -> None:
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(EXIT_INTERRUPTED)
     except OSError as error:
-        _forget_output()
-        place = f"{error.filename}: " if error.filename else ""
+        output = _forget_output()
+        place = f"{error.filename}: " if error.filename else output
         print(f"error: {place}{error.strerror or error}", file=sys.stderr)
         sys.exit(2)
     except Exception as error:  # a bug: keep its traceback, tell in one line

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maritrack.errors import InputError
 from maritrack.io import ARCHIVE, sniff
 from maritrack.io.containers.kinds import MCAP_MAGIC
 from maritrack.io.octets import HEAD, octets_from_file, octets_from_stdin
@@ -80,6 +81,8 @@ def show_recording(path: Path) -> dict[str, Any]:
     if kind != "cat240":
         return _show_frames(path)
     told = {"what": "recording", "path": str(path), "kind": kind, **survey(octets)}
+    if not any(told[what] for what in ("sensors", "other_streams", "summaries", "damage")):
+        raise InputError(f"{octets.name}: {told['container']} without datagrams")
     return {**told, "origin": None, "truth": _truth_beside(path)}
 
 

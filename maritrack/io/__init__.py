@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from maritrack.errors import InputError
-from maritrack.io.containers.kinds import GZIP, MCAP_MAGIC, RAW, container_of, unpacked_head
+from maritrack.io.containers.kinds import GZIP, MCAP_MAGIC, RAW, container_of, is_gzip_of_nothing, unpacked_head
 
 CAT240 = 0xF0
 MAGIC = (  # first octets, what they are, what to do
@@ -40,9 +40,7 @@ def sniff(head: bytes, name: str) -> str:
         return _behind_gzip(head, name)
     if head.startswith(MCAP_MAGIC) and ARCHIVE in head:
         raise InputError(f"{name}: an archive of a run", hint="maritrack replay runs it again, convert gives its input")
-    for magic, what, hint in MAGIC:
-        if head.startswith(magic):
-            raise InputError(f"{name}: {what}", hint=hint)
+    refuse_known(head, name)
     if head.startswith(b"MATLAB 5.0 MAT-file"):
         return "autoferry"
     if container_of(head) != RAW:
@@ -57,9 +55,18 @@ def sniff(head: bytes, name: str) -> str:
     raise InputError(f"{name}: not a recording that is known", hint=READ)
 
 
+def refuse_known(head: bytes, name: str) -> None:
+    """InputError where the first octets are those of a known kind of file that isn't read."""
+    for magic, what, hint in MAGIC:
+        if head.startswith(magic):
+            raise InputError(f"{name}: {what}", hint=hint)
+
+
 def _behind_gzip(head: bytes, name: str) -> str:
     """Kind of what is compressed."""
     unpacked = unpacked_head(head)
+    if not unpacked and is_gzip_of_nothing(head):
+        raise InputError(f"{name}: empty, compressed with gzip")
     if not unpacked:
         raise InputError(f"{name}: compressed with gzip, but it can't be unpacked")
     kind = sniff(unpacked, name) if not unpacked.startswith(GZIP) else "gzip"

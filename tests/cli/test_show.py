@@ -90,6 +90,14 @@ KEYS = {  # of a sensor, as they are documented
 }  # fmt: skip
 
 
+def test_a_capture_of_nothing_is_told_in_one_line(sample: Path, tmp_path: Path) -> None:
+    assert call("convert", sample, tmp_path / "all.pcap", "--time", "+0..+0.01").code == 0
+    (tmp_path / "none.pcap").write_bytes((tmp_path / "all.pcap").read_bytes()[:24])
+    done = call("show", tmp_path / "none.pcap")
+    assert done.code == 2 and done.error == f"{tmp_path / 'none.pcap'}: pcap without datagrams"
+    assert call("show", tmp_path / "all.pcap").code == 0
+
+
 def test_the_document_has_the_keys_that_are_documented(sample: Path) -> None:
     from maritrack import survey
 

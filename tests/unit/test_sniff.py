@@ -60,6 +60,8 @@ def test_the_content_says_what_it_is(head, kind):
         (zipped(b'{"format": "maritrack-points/1"}'), "gzip (points)"),
         (zipped(zipped(BLOCK)), "gzip (gzip)"),
         (b"\x1f\x8b\x08\x00 damaged", "can't be unpacked"),
+        (zipped(b""), "empty, compressed with gzip"),
+        (zipped(b"")[:-9], "can't be unpacked"),
         (b"\x89MCAP0\r\n" + bytes(90) + b"maritrack.archive", "archive of a run"),
         (b"RRF2\x00", "Rerun"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),

@@ -34,6 +34,15 @@ def unpacked_head(head: bytes) -> bytes:
         return b""
 
 
+def is_gzip_of_nothing(octets: bytes) -> bool:
+    """Whether these are one whole gzip member without content, and no more."""
+    packed = zlib.decompressobj(31)
+    try:
+        return not packed.decompress(octets, 1) and packed.eof and not packed.unused_data
+    except zlib.error:
+        return False
+
+
 def container_of(head: bytes) -> str:
     """What the first octets (unpacked, 64 KiB are enough) are the beginning of; "raw" where it is no container."""
     if head[:4] in PCAP_MAGIC:
