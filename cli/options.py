@@ -37,10 +37,17 @@ ConfigFile = Annotated[Path | None, method("--config", "-c", "TOML laid over the
 Sets = Annotated[list[str] | None, method("--set", "One setting: KEY=VALUE, e.g. model.p_detect=0.9.")]
 Seed = Annotated[int | None, method("--seed", "Seed of all randomness.")]
 Truth = Annotated[Path | None, given("--truth", "AIS as CSV, points document or Autoferry ground truth.")]
+OwnShip = Annotated[Path | None, given("--own-ship", "AIS (CSV) of the ship that carries it.")]
+Position = Annotated[str, given("--position", "LAT,LON of a fixed radar, degrees.")]
+Date = Annotated[str, given("--date", "Day of recordings that tell the time of day only: YYYY-MM-DD.")]
+Stabilised = Annotated[str, given("--stabilised", "Azimuths count from north or from the head.")]
+AzimuthEdge = Annotated[str, given("--azimuth-edge", "Edge of the azimuth: start, centre, end.")]
+SensorsFile = Annotated[Path | None, given("--sensors", "TOML with these settings for each sensor.")]
+Sensor = Annotated[str, given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")]
+Limit = Annotated[int | None, given("--limit", "At most so many scans; 0 = all.")]
 Out = Annotated[Path | None, output("--out", "-o", "Folder for run.rrd, run.mcap, summary.json.")]
 Json = Annotated[bool, display("--json", "One JSON document on standard output.")]
 Quiet = Annotated[bool, display("--quiet", "-q", "No progress, no notes.")]
-
 
 Truths = Annotated[list[str] | None, given("--truth", "Truth, one for each input; by default what lies beside it.")]
 OwnShips = Annotated[list[str] | None, given("--own-ship", "AIS (CSV) of the ship that carries it, one for each.")]

@@ -46,7 +46,7 @@ def sweep(
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     truth: opt.Truths = None,
     own_ship: opt.OwnShips = None,
-    limit: Annotated[int | None, opt.given("--limit", "At most so many scans; 0 = all.")] = None,
+    limit: opt.Limit = None,
     scans: Annotated[int, opt.given("--scans", "Scans of a scene; 0 = as many as it has.")] = 0,
     workers: opt.AllWorkers = 0,
     scheduler: opt.Scheduler = "",

@@ -56,7 +56,6 @@ Truths = Annotated[
 OwnShips = Annotated[
     list[Path] | None, opt.given("--own-ship", "AIS (CSV) of the ship that carries the radar, one for each recording.")
 ]
-Limit = Annotated[int | None, opt.given("--limit", "At most so many scans; 0 = all.")]
 Workers = Annotated[int, opt.given("--workers", "Processes.")]
 Folder = Annotated[Path | None, opt.output("--out", "-o", "Folder for the picture and the table.")]
 
@@ -78,7 +77,7 @@ def clustering(
     preset: opt.Preset = "",
     config: opt.ConfigFile = None,
     sets: opt.Sets = None,
-    limit: Limit = None,
+    limit: opt.Limit = None,
     workers: Workers = 1,
     out: Folder = None,
     json_: opt.Json = False,
@@ -135,7 +134,7 @@ def tracker(
     config: opt.ConfigFile = None,
     sets: opt.Sets = None,
     seed: opt.Seed = None,
-    limit: Limit = None,
+    limit: opt.Limit = None,
     workers: Workers = 1,
     out: Folder = None,
     json_: opt.Json = False,
