@@ -22,7 +22,7 @@ from maritrack.job import execute
 from maritrack.metrics.scores import score_frame
 from maritrack.replay import Replay, prepare
 from maritrack.run import Progress, Step
-from maritrack.types import Event, Frame, Result, Tracks
+from maritrack.types import Damage, Event, Frame, Result, Tracks
 
 MAY_CHANGE = ("smooth.", "score.")  # settings that do not change what the causal run was
 
@@ -52,7 +52,9 @@ def smooth(run: Replay, *, progress: Progress | None = None) -> tuple[dict[str, 
     told = iter_results(archive.path, on_damage=None if archive.complete else run.damage.append)
     history = retrospect.gather((scan.k, scan.tracks) for scan in told)
     offline = retrospect.hindsight(history, job.config)
-    step = in_hindsight(iter_results(archive.path), offline.by_scan(), offline.rows(np.zeros(0, np.int64)).tracks)
+    known: list[Damage] = []  # the first reading has told it
+    again = iter_results(archive.path, on_damage=None if archive.complete else known.append)
+    step = in_hindsight(again, offline.by_scan(), offline.rows(np.zeros(0, np.int64)).tracks)
     return execute(job, progress=progress, step=step, smoothed_from=archive.manifest.run_id)
 
 

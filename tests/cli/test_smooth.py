@@ -11,6 +11,7 @@ import pytest
 from maritrack.io.archive import iter_inputs, iter_results, read_archive
 from maritrack.sinks.mcap import McapSink
 from tests.cli.calling import call
+from tests.io.test_archive_damage import chunks_of
 from tests.shared import shared
 
 SCANS = 30
@@ -146,6 +147,20 @@ def test_a_run_that_broke_off_is_smoothed_as_far_as_it_goes(
     assert done.code == 0 and "9 scans are archived" in done.err, done.err
     assert done.json["counts"]["scans"] == 9 and done.json["counts"]["tracks"] > 0
     assert read_archive(out / "run.mcap").complete
+
+
+def test_a_run_that_was_killed_is_smoothed_up_to_its_last_whole_chunk(sample: Path, tmp_path: Path) -> None:
+    whole, killed, out = (tmp_path / name for name in ("whole", "killed", "out"))
+    chunks = ("--set", "output.chunk_scans=6")
+    assert call("process", sample, "--limit", "20", "--no-rrd", "-q", "-o", whole, *chunks).code == 0
+    octets = (whole / "run.mcap").read_bytes()
+    begin, end = chunks_of(octets)[2]
+    killed.mkdir()
+    (killed / "run.mcap.partial").write_bytes(octets[: (begin + end) // 2])
+    done = call("smooth", killed, "-o", out, "--no-rrd", "--set", "smooth.min_hits=3", "--json")
+    assert done.code == 0 and "12 scans are archived, at most 6 after them are lost" in done.err, done.err
+    assert done.json["counts"]["scans"] == 12 and done.json["counts"]["tracks"] > 0
+    assert read_archive(out / "run.mcap").complete and not list(out.glob("*.partial"))
 
 
 def test_autoferry_offline_tracks_of_one_set_of_parameters(tmp_path: Path) -> None:
