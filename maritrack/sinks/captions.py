@@ -26,7 +26,8 @@ KNOTS = 3600.0 / NM_M  # of a metre per second
 
 POINT_CLUSTERED, POINT_NOISE, POINT_SUBTRACTED, CLUSTER = 0, 1, 2, 10
 BACKGROUND = 3
-TRACK = {TENTATIVE: 20, CONFIRMED: 21, COASTED: 22, STATIONARY: 23}  # confirmed and not moving counts as the last
+TRACK = {TENTATIVE: 20, CONFIRMED: 21, COASTED: 22, STATIONARY: 23}  # by status
+STILL = 24  # confirmed or coasted, and not moving
 TRUTH = 30
 Colour = tuple[int, int, int]
 CLASSES: tuple[tuple[int, str, Colour], ...] = (
@@ -38,15 +39,16 @@ CLASSES: tuple[tuple[int, str, Colour], ...] = (
     (TRACK[TENTATIVE], "tentative track", (92, 150, 255)),
     (TRACK[CONFIRMED], "confirmed track, moving", (96, 255, 120)),
     (TRACK[COASTED], "coasted track", (255, 96, 205)),
-    (TRACK[STATIONARY], "track that does not move", (128, 140, 128)),
+    (TRACK[STATIONARY], "stationary track, held in the background", (240, 225, 70)),
+    (STILL, "track that does not move", (128, 140, 128)),
     (TRUTH, "truth (simulator, GNSS, AIS)", (255, 255, 255)),
 )
 COLOUR: dict[int, Colour] = {class_id: colour for class_id, _, colour in CLASSES}
 COLOUR_NAME = {
     POINT_CLUSTERED: "sand", POINT_NOISE: "grey-brown", POINT_SUBTRACTED: "slate", BACKGROUND: "indigo",
     CLUSTER: "orange",
-    TRACK[TENTATIVE]: "blue", TRACK[CONFIRMED]: "green", TRACK[COASTED]: "pink", TRACK[STATIONARY]: "grey-green",
-    TRUTH: "white",
+    TRACK[TENTATIVE]: "blue", TRACK[CONFIRMED]: "green", TRACK[COASTED]: "pink", TRACK[STATIONARY]: "yellow",
+    STILL: "grey-green", TRUTH: "white",
 }  # fmt: skip
 GRID_COLOUR, GRID_TEXT, VIDEO_TEXT = (52, 66, 84), (130, 150, 172), (60, 140, 134)
 TRAIL_COLOURS = np.array(
@@ -72,9 +74,10 @@ UNITS = {
 
 
 def track_class(tracks: Tracks) -> IntArray:
-    """Class id (t,) of each track: its status, where what does not move counts as stationary."""
-    status = np.where((tracks.status != TENTATIVE) & ~tracks.moving, STATIONARY, tracks.status)
-    return np.array([TRACK[i] for i in range(len(STATUS))], np.int64)[status]
+    """Class id (t,) of each track: its status; confirmed or coasted and not moving is a class of its own."""
+    seen = (tracks.status == CONFIRMED) | (tracks.status == COASTED)
+    kind = np.array([TRACK[i] for i in range(len(STATUS))], np.int64)[tracks.status]
+    return np.where(seen & ~tracks.moving, STILL, kind)
 
 
 def shown_moving(tracks: Tracks) -> BoolArray:
@@ -118,24 +121,29 @@ def score_unit(name: str) -> str:
 
 
 def track_table(tracks: Tracks, sensor_m: FloatArray, *, scan: int, view_m: float, most: int = 30) -> str:
-    """The tracks as Markdown: those that move first, nearest first; distances in the unit of the rings."""
+    """The tracks as Markdown: those that move first, then those that the background holds, nearest first each.
+
+    Distances are in the unit of the rings.
+    """
     ring_m, ring, unit = ring_step(view_m)
     digits = 2 if unit == "NM" else 0
     moving, kind = shown_moving(tracks), track_class(tracks)
     range_m, azimuth = en_to_polar(tracks.position_m - sensor_m)
     speed_mps, course = en_to_polar(tracks.velocity_mps)
     length_m, width_m, _ = axes_of(tracks.extent_m2)
-    n_still, n_tentative = int((kind == TRACK[STATIONARY]).sum()), int((tracks.status == TENTATIVE).sum())
+    stationary = tracks.status == STATIONARY
+    n_still, n_held, n_tentative = (int((kind == i).sum()) for i in (STILL, TRACK[STATIONARY], TRACK[TENTATIVE]))
     lines = [
-        f"Scan {scan}: **{int(moving.sum())} moving**, {n_still} that do not move, {n_tentative} tentative.",
+        f"Scan {scan}: **{int(moving.sum())} moving**, {n_still} that do not move, "
+        f"{n_held} stationary (held in the background), {n_tentative} tentative.",
         "",
         f"| track | status | range {unit} | bearing ° | speed kn | course ° | length m | width m | existence |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     held = np.flatnonzero(tracks.status != TENTATIVE)
-    order = held[np.lexsort((tracks.id[held], range_m[held], ~moving[held]))]
+    order = held[np.lexsort((tracks.id[held], range_m[held], ~stationary[held], ~moving[held]))]
     for i in order[:most]:
-        status = STATUS[int(tracks.status[i])] if moving[i] else "not moving"
+        status = STATUS[int(tracks.status[i])] if moving[i] or stationary[i] else "not moving"
         size = f"{length_m[i]:.0f} | {width_m[i]:.0f}" if length_m[i] > 0 else "- | -"
         way = f"{speed_mps[i] * KNOTS:.1f} | {round(np.degrees(course[i])) % 360:03d}" if moving[i] else "- | -"
         lines.append(

@@ -17,7 +17,7 @@ from maritrack.sinks import captions, shapes
 from maritrack.sinks.captions import KNOTS
 from maritrack.sinks.shapes import Strips, Trails, picture
 from maritrack.sinks.view import Box
-from maritrack.types import CONFIRMED, TENTATIVE, FloatArray, IntArray, Mask, Origin, Result, Tracks, Truth
+from maritrack.types import CONFIRMED, STATIONARY, TENTATIVE, FloatArray, IntArray, Mask, Origin, Result, Tracks, Truth
 
 MOST_DAMAGE_LINES = 20  # of one frame in the log
 UI = -1.0  # a negative radius is one in points of the screen, not in metres
@@ -109,7 +109,7 @@ def draw_tracks(tracks: Tracks, trails: Trails, *, vector_s: float) -> Iterator[
     yield Row("ppi/tracks/velocity", "Arrows2D", {"vectors": picture(tracks.velocity_mps[ahead] * vector_s),
               "origins": picture(tracks.position_m[ahead]), "class_ids": kind[ahead].astype(np.uint16)})  # fmt: skip
 
-    size = np.select([moving, tracks.status == TENTATIVE], [4.0, 2.0], 2.0).astype(np.float32)
+    size = np.select([moving, tracks.status == STATIONARY], [4.0, 3.0], 2.0).astype(np.float32)
     yield Row("ppi/tracks/state", "Points2D", {"positions": picture(tracks.position_m),
               "class_ids": kind.astype(np.uint16), "radii": np.float32(UI) * size})  # fmt: skip
     yield Row("ppi/tracks/state", "AnyValues", _state(tracks))

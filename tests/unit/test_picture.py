@@ -15,7 +15,7 @@ from maritrack.geo import TWO_PI, en_to_polar, polar_to_en
 from maritrack.metrics.scores import KEYS
 from maritrack.sinks import captions, raster, shapes, view
 from maritrack.sinks.drawing import score_entity
-from maritrack.types import CONFIRMED, STATIONARY, TENTATIVE, FloatArray, IntArray, Tracks, Video
+from maritrack.types import COASTED, CONFIRMED, STATIONARY, TENTATIVE, FloatArray, IntArray, Tracks, Video
 
 CELL_M = 12.5
 
@@ -183,12 +183,25 @@ def test_a_track_that_comes_back_starts_a_new_trail() -> None:
     assert len(shapes.trail_strips(trails, np.array([True]))[0]) == 0
 
 
-def test_what_does_not_move_is_drawn_as_stationary() -> None:
-    t = tracks([1, 2, 3], np.array([TENTATIVE, CONFIRMED, STATIONARY]))
-    still = replace(t, moving=np.zeros(3, bool))
-    assert captions.track_class(t).tolist() == [20, 21, 23]
-    assert captions.track_class(still).tolist() == [20, 23, 23]
+def test_what_is_held_in_the_background_is_told_apart_from_what_does_not_move() -> None:
+    t = tracks([1, 2, 3, 4], np.array([TENTATIVE, CONFIRMED, COASTED, STATIONARY]))
+    still = replace(t, moving=np.zeros(4, bool))
+    assert captions.track_class(t).tolist() == [20, 21, 22, 23]
+    assert captions.track_class(still).tolist() == [20, 24, 24, 23]
     assert not captions.shown_moving(still).any()
+    shown = {name: colour for class_id, name, colour in captions.CLASSES if class_id in (23, 24)}
+    assert list(shown) == ["stationary track, held in the background", "track that does not move"]
+    assert len(set(captions.COLOUR.values())) == len(captions.CLASSES) == len(set(captions.COLOUR_NAME.values()))
+
+
+def test_the_track_table_has_a_word_for_tracks_in_the_background() -> None:
+    t = tracks([1, 2, 3, 4], np.array([COASTED, CONFIRMED, STATIONARY, TENTATIVE]))
+    t = replace(t, moving=np.array([True, False, False, False]))
+    lines = captions.track_table(t, np.zeros(2), scan=4, view_m=5000).splitlines()
+    told = "**1 moving**, 1 that do not move, 1 stationary (held in the background), 1 tentative."
+    assert lines[0] == f"Scan 4: {told}"
+    rows = [[cell.strip() for cell in line.split("|")[1:3]] for line in lines[4:]]
+    assert rows == [["T1", "coasted"], ["T3", "stationary"], ["T2", "not moving"]]
 
 
 def test_the_track_table_lists_the_nearest_first() -> None:
