@@ -198,11 +198,11 @@ def draw_geo_sensor(position_m: FloatArray, range_m: float, part: str, origin: O
 
 
 def draw_numbers(result: Result) -> Iterator[Row]:
-    """Counts, scores that exist, and CPU time by stage."""
+    """Counts as the summary adds them up, scores that exist, and CPU time by stage."""
+    held = result.tracks.status >= CONFIRMED  # in any way: coasted and stationary ones are
     counts = {
         "points": len(result.points), "clusters": len(result.clusters), "tracks": len(result.tracks),
-        "confirmed": int((result.tracks.status == CONFIRMED).sum()),
-        "moving": int(captions.shown_moving(result.tracks).sum()),
+        "confirmed": int(held.sum()), "moving": int((held & result.tracks.moving).sum()),
     }  # fmt: skip
     if result.frame.truth is not None:
         counts["truth"] = len(result.frame.truth)

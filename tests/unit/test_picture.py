@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,15 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from maritrack.geo import TWO_PI, en_to_polar, polar_to_en
-from maritrack.metrics.scores import KEYS
+from maritrack.metrics.scores import KEYS, ScoreSums
+from maritrack.run import Tally
 from maritrack.sinks import captions, raster, shapes, view
-from maritrack.sinks.drawing import score_entity
+from maritrack.sinks.drawing import draw_numbers, score_entity
 from maritrack.types import COASTED, CONFIRMED, STATIONARY, TENTATIVE, FloatArray, IntArray, Tracks, Video
+from tests import runs
 
 CELL_M = 12.5
+SUMMED = ("points", "clusters", "tracks", "confirmed", "moving")  # counts of a run
 
 
 def video(cells: np.ndarray, *, azimuth: FloatArray | None = None, used: int | None = None) -> Video:
@@ -240,6 +244,17 @@ def test_velocity_lines_are_a_few_percent_of_the_range() -> None:
 def test_picture_turns_north_over() -> None:
     assert shapes.picture(np.array([[3.0, 4.0]])).tolist() == [[3.0, -4.0]]
     assert np.allclose(en_to_polar(np.array([[0.0, 5.0]]))[1], 0)
+
+
+def test_the_plotted_counts_add_up_to_those_of_the_summary() -> None:
+    results = [runs.result(k) for k in range(8)]
+    assert {int(i) for r in results for i in r.tracks.status} == {TENTATIVE, CONFIRMED, COASTED, STATIONARY}
+    tally, plotted = Tally(ScoreSums(), 100.0), Counter[str]()
+    for r in results:
+        tally.add(r, r.tracks.status >= CONFIRMED)
+        rows = {row.entity: row.parts for row in draw_numbers(r) if row.kind == "Scalars"}
+        plotted.update({name: rows[f"metrics/counts/{name}"]["scalars"].item() for name in SUMMED})
+    assert plotted == {name: getattr(tally, name) for name in SUMMED}
 
 
 def test_every_score_of_a_frame_has_a_unit() -> None:
