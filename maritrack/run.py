@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from maritrack.chain import Chain, ChainState, process
+from maritrack.chain import Chain, ChainState, process, untracked
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
 from maritrack.types import CONFIRMED, Damage, Frame, Result, RunManifest
@@ -129,6 +129,8 @@ def run(
                 if asked():
                     interrupted = True
                     break
+        for damage in () if manifest.smoothed_from else untracked(chain, state):
+            tally.note(damage)
         summary = summarise(tally, chain, manifest, time.process_time() - started, interrupted)
         for sink in opened:
             if interrupted and keep_partial:

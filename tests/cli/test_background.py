@@ -59,3 +59,13 @@ def test_a_run_that_saves_is_not_skipped_for_an_equal_one(snapshot: Path, tmp_pa
     first = call(*told)
     assert call(*told, "--save-background", tmp_path / "b.npz").code == 0 and (tmp_path / "b.npz").is_file()
     assert json.loads((tmp_path / "summary.json").read_text())["run_id"] == first.json["run_id"]
+
+
+def test_a_run_whose_tracking_never_starts_says_so(tmp_path: Path) -> None:
+    told = ("process", HARBOUR, "--limit", "3", "--no-rrd", "-q", "--set", "subtract.track_from=converged")
+    done = call(*told, "-o", tmp_path / "a")
+    assert done.code == 0 and "tracking-not-started" in done.out and "subtract.half_life_scans" in done.out
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    assert summary["counts"]["tracks"] == 0 and summary["counts"]["warnings"]["tracking-not-started"] == 1
+    assert 'subtract.track_from = "start"' in summary["warnings"]["tracking-not-started"]["message"]
+    assert call("replay", tmp_path / "a", "--verify", "-q").code == 0

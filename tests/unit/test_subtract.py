@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maritrack.chain import ChainState, build_chain, process
+from maritrack.chain import ChainState, build_chain, process, untracked
 from maritrack.config import load_config
 from maritrack.detect.background import under
 from maritrack.settings import Config
-from maritrack.types import STATIONARY, FloatArray, Frame, Result
+from maritrack.types import STATIONARY, Damage, FloatArray, Frame, Result
 from tests.runs import tracks
 from tests.unit.scans import scan_of
 
@@ -92,6 +92,25 @@ def test_tracking_waits_for_the_background_where_it_is_told_to() -> None:
     assert all(len(r.tracks) == 0 for r in case1[:when]) and len(case1[when].tracks)
     assert any(len(r.tracks) for r in case2[:when])
     assert len(case1[-1].tracks) == 1
+
+
+def test_a_run_that_never_tracked_says_so_and_names_the_settings() -> None:
+    def told(*sets: str, scans: int = 12) -> list[Damage]:
+        chain = build_chain(config("jipda", *sets))
+        state: ChainState = chain.init()
+        for k in range(scans):
+            for sensor, at in (("a", np.array([[500.0, 500.0]])), ("b", VESSEL + 20.0 * k)):
+                state, _ = process(chain, state, Frame(k, scan_of(at, TURN_S * k, sensor=sensor)[0]))
+        return list(untracked(chain, state))
+
+    waits = "subtract.track_from=converged"
+    first, second = told(waits)
+    assert (first.code, first.sensor, second.sensor) == ("tracking-not-started", "a", "b")
+    assert "for a: its background did not converge within 12 scans" in first.message
+    assert 'subtract.track_from = "start"' in first.message and "subtract.half_life_scans" in first.message
+    assert "subtract.learning_rate" in told(waits, "subtract.half_life_scans=0")[0].message
+    assert len(told(waits, "subtract.masks=joint", scans=6)) == 1
+    assert told() == told(waits, "subtract.method=none") == told(waits, "subtract.half_life_scans=1.0") == []
 
 
 def test_a_slow_ship_is_not_the_background_of_its_own_wake_where_moving_tracks_are_spared() -> None:
