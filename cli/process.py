@@ -132,14 +132,13 @@ def process(
 def lags_over(calibration: Path, over: dict[str, Any]) -> dict[str, Any]:
     """The lags of a calibration as settings of the metrics; none where it has none."""
     from maritrack.errors import InputError
-    from maritrack.io.sensors import check_document, lags_of
+    from maritrack.io.sensors import check_calibration
 
     try:
         octets = calibration.read_bytes()
     except OSError as error:
         raise InputError(f"{calibration}: {error.strerror or error}") from None
-    check_document(octets, name=str(calibration))
-    lags = lags_of(octets.decode(), name=str(calibration))
+    lags = check_calibration(octets, name=str(calibration))
     return {"score": over.get("score", {}) | {"truth_lag_s": lags}} if lags else {}
 
 

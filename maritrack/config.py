@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import reprlib
 import tomllib
 import types
 import typing
@@ -19,6 +20,9 @@ from typing import Any, Literal
 
 from maritrack.errors import ConfigError
 from maritrack.settings import Config
+
+SHOWN = reprlib.Repr()  # of a value in a message: not all of it where it is long or deep
+SHOWN.maxstring = SHOWN.maxother = 80
 
 
 def preset_names() -> tuple[str, ...]:
@@ -46,13 +50,25 @@ def merge(lower: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def toml_table(text: str) -> dict[str, Any]:
+    """A TOML text as a table. TOMLDecodeError where it is none, nests too deeply, or has a number without end."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise tomllib.TOMLDecodeError("nests too deeply") from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # an integer of thousands of digits
+        raise tomllib.TOMLDecodeError("a number of too many digits") from None
+
+
 def parse_set(assignment: str) -> dict[str, Any]:
     """`model.p_detect=0.9` as a nested table. A bare word is a string."""
     key, sep, text = assignment.partition("=")
     if not sep or not key.strip():
         raise ConfigError(f"--set {assignment}: write KEY=VALUE, as in model.p_detect=0.9")
     try:
-        value = tomllib.loads(f"v = {text}")["v"]
+        value = toml_table(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
     table: Any = value
@@ -83,7 +99,7 @@ def load_config(
 def config_from_toml(text: str) -> Config:
     """The configuration that `to_toml` wrote."""
     try:
-        config: Config = build(Config, tomllib.loads(text), "")
+        config: Config = build(Config, toml_table(text), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"archived configuration: {error}") from None
     return config
@@ -92,12 +108,14 @@ def config_from_toml(text: str) -> Config:
 def read_toml(file: Path) -> dict[str, Any]:
     """A TOML file, `extends = "preset"` laid under it."""
     try:
-        table = tomllib.loads(file.read_text("utf-8"))
+        table = toml_table(file.read_text("utf-8"))
     except OSError as error:
         raise ConfigError(f"{file}: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: {error}") from None
-    parent = table.pop("extends", None)
+    parent = table.pop("extends", "")
+    if not isinstance(parent, str):
+        raise ConfigError(f"{file}: 'extends' = {SHOWN.repr(parent)} is no name of a preset")
     return merge(preset_table(parent), table) if parent else table
 
 
@@ -120,22 +138,25 @@ def build(kind: Any, table: Mapping[str, Any], where: str) -> Any:
 def _convert(hint: Any, value: Any, name: str) -> Any:
     if is_dataclass(hint):
         if not isinstance(value, Mapping):
-            raise ConfigError(f"'{name}' is a table, not {value!r}")
+            raise ConfigError(f"'{name}' is a table, not {SHOWN.repr(value)}")
         return build(hint, value, f"{name}.")
     if typing.get_origin(hint) is Literal:
         options = typing.get_args(hint)
         if value not in options:
-            raise ConfigError(f"'{name}' = {value!r}: one of {', '.join(map(str, options))}")
+            raise ConfigError(f"'{name}' = {SHOWN.repr(value)}: one of {', '.join(map(str, options))}")
         return value
     if isinstance(hint, types.GenericAlias) or typing.get_origin(hint) is tuple:
         inner = typing.get_args(hint)[0]
         if not isinstance(value, list):
-            raise ConfigError(f"'{name}' is a list, not {value!r}")
+            raise ConfigError(f"'{name}' is a list, not {SHOWN.repr(value)}")
         return tuple(_convert(inner, item, name) for item in value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            raise ConfigError(f"'{name}' = {SHOWN.repr(value)} is too large a number") from None
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
-        raise ConfigError(f"'{name}' = {value!r} is not of type {hint.__name__}")
+        raise ConfigError(f"'{name}' = {SHOWN.repr(value)} is not of type {hint.__name__}")
     return value
 
 

@@ -316,5 +316,5 @@ def _summary(path: Path) -> Mapping[str, Any]:
 def _config(text: str) -> dict[str, Any]:
     try:
         return {f"config.{name}": value for name, value in _flat(tomllib.loads(text)).items()}
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return {"config": text}

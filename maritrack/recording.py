@@ -22,7 +22,7 @@ from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
 from maritrack.io.pose import PoseTrack
 from maritrack.io.reference import Reference
-from maritrack.io.sensors import calibrated, check_document, for_input, parse_sensors
+from maritrack.io.sensors import calibrated, check_calibration, check_sensors, for_input, parse_sensors
 from maritrack.io.source import Octets, Source
 from maritrack.io.truth import document_origin, find_truth, read_reference
 from maritrack.settings import Config, InputConfig
@@ -85,8 +85,10 @@ def side_documents(
                 documents[name] = path.read_bytes()
             except OSError as error:
                 raise InputError(f"{path}: {error.strerror or error}") from None
-            if name in ("sensors", "calibration"):
-                check_document(documents[name], name=str(path))
+            if name == "sensors":
+                check_sensors(documents[name], name=str(path))
+            if name == "calibration":
+                check_calibration(documents[name], name=str(path))
             kind = sniff(documents[name][:65536], str(path)) if name in ("truth", "own-ship") else ""
             if kind in ("cat240", "plots"):
                 raise InputError(f"{path}: a recording ({kind}), no reference positions")

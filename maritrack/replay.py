@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from maritrack.config import build, merge, parse_set
+from maritrack.config import build, merge, parse_set, toml_table
 from maritrack.errors import InputError, ReplayMismatch, UsageError
 from maritrack.io.archive import Archive, iter_inputs, read_archive
 from maritrack.io.octets import HEAD
@@ -118,7 +118,7 @@ def archived_job(
 def archived_config(archive: Archive, *, tracker: str = "", sets: Sequence[str] = ()) -> Config:
     """The configuration of an archived run, other settings laid over it."""
     try:
-        table: dict[str, Any] = tomllib.loads(archive.config_toml)
+        table: dict[str, Any] = toml_table(archive.config_toml)
     except tomllib.TOMLDecodeError as error:
         raise ReplayMismatch(f"{archive.path}: the configuration can't be read: {error}") from None
     for assignment in sets:

@@ -15,6 +15,7 @@ import numpy as np
 from maritrack.chain import Chain, ChainState, process, untracked
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
+from maritrack.settings import parse_lags
 from maritrack.types import CONFIRMED, Damage, Frame, Result, RunManifest
 
 
@@ -181,22 +182,6 @@ def with_truth(frames: Iterable[Frame], reference: Reference | None, chain: Chai
             max_gap_moving_s=score.max_gap_moving_s, max_gap_rest_s=score.max_gap_rest_s, lag_s=lags,
         )  # fmt: skip
         yield replace(frame, truth=truth)
-
-
-def parse_lags(text: str) -> dict[str, float]:
-    """`210574000=37,366=2` as {"210574000": 37.0, "366": 2.0}."""
-    from maritrack.errors import ConfigError
-
-    lags = {}
-    for item in filter(None, (part.strip() for part in text.split(","))):
-        name, sep, value = item.partition("=")
-        try:
-            lags[name.strip()] = float(value)
-        except ValueError:
-            sep = ""
-        if not sep:
-            raise ConfigError(f"score.truth_lag_s: '{item}' is not ID=SECONDS")
-    return lags
 
 
 def _timed(frames: Iterable[Frame], timing_ms: dict[str, float]) -> Iterator[Frame]:

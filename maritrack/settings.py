@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from maritrack.errors import ConfigError
 from maritrack.intensitysettings import IntensityConfig
 from maritrack.limits import in_unit, positive, require
 from maritrack.tracksettings import (
@@ -23,6 +24,7 @@ from maritrack.tracksettings import (
 )
 
 NAN = math.nan
+MOST_LATE_S = 1e6  # eleven days: what is later is of another recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +62,12 @@ class InputConfig:
         require(0 <= self.scale_db <= 200, f"input.scale_db = {self.scale_db} is not within 0..200")
         require(0 <= self.step_s < math.inf, "input.step_s must not be negative, and finite")
         require(self.roi_min_m < self.roi_max_m, "input.roi_min_m must be less than input.roi_max_m")
+        for name, most in (("azimuth_offset_deg", 360.0), ("range_offset_m", 1e6), ("latency_s", MOST_LATE_S)):
+            value = getattr(self, name)
+            require(abs(value) <= most, f"input.{name} = {value} is not within -{most:g}..{most:g}")
+        for name in ("beam_width_deg", "pulse_length_m", "sigma_range_m", "sigma_azimuth_deg", "sigma_m"):
+            value = getattr(self, name)
+            require(0 <= value < math.inf, f"input.{name} = {value} must not be negative, and finite")
         require(-90 <= self.lat_deg <= 90 or math.isnan(self.lat_deg), f"input.lat_deg = {self.lat_deg}")
         require(-180 <= self.lon_deg <= 180 or math.isnan(self.lon_deg), f"input.lon_deg = {self.lon_deg}")
 
@@ -112,6 +120,10 @@ class SubtractConfig:
         require(0 <= self.threshold < self.categories - 1, "subtract.threshold is within 0..categories - 2")
         require(0 < self.tail_probability < 1, "subtract.tail_probability is between 0 and 1")
         require(self.half_life_scans >= 0 and self.half_life_s >= 0, "subtract: half_life must not be negative")
+        require(
+            self.half_life_scans == 0 or self.half_life_scans >= 0.1,
+            f"subtract.half_life_scans = {self.half_life_scans}: at least 0.1, or 0 = by the learning rate",
+        )
         require(not (self.half_life_scans and self.half_life_s), "subtract: half_life_scans or half_life_s, not both")
         require(self.max_pixels >= 1, "subtract.max_pixels starts at 1")
 
@@ -137,6 +149,21 @@ class ClusterConfig:
         positive("cluster.coarse_cell_m", self.coarse_cell_m)
 
 
+def parse_lags(text: str) -> dict[str, float]:
+    """`210574000=37,366=2` as {"210574000": 37.0, "366": 2.0}."""
+    lags = {}
+    for item in filter(None, (part.strip() for part in text.split(","))):
+        name, sep, value = item.partition("=")
+        try:
+            lags[name.strip()] = float(value)
+        except ValueError:
+            sep = ""
+        if not sep:
+            raise ConfigError(f"score.truth_lag_s: '{item}' is not ID=SECONDS")
+        require(abs(lags[name.strip()]) <= MOST_LATE_S, f"score.truth_lag_s: '{item}' is not within {MOST_LATE_S:g} s")
+    return lags
+
+
 @dataclass(frozen=True, kw_only=True)
 class ScoreConfig:
     """Metrics, and what counts as truth."""
@@ -155,6 +182,7 @@ class ScoreConfig:
         require(0 < self.c_m < math.inf, f"score.c_m = {self.c_m} must be greater than 0, and finite")
         require(1 <= self.p <= 20, "score.p is within 1..20")
         require(0 <= self.box_margin_m < math.inf, "score.box_margin_m must not be negative, and finite")
+        parse_lags(self.truth_lag_s)
 
 
 @dataclass(frozen=True, kw_only=True)

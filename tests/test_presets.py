@@ -126,11 +126,12 @@ def test_whole_numbers_stand_for_floats_and_words_for_text() -> None:
     st.booleans(),
 )  # fmt: skip
 def test_any_settings_survive_their_own_text(
-    sensor: str, lag: str, seed: int, offset: float, lat: float, moving: bool
+    sensor: str, ship: str, seed: int, extent: float, lat: float, moving: bool
 ) -> None:
     base = Config()
-    inputs = replace(InputConfig(), sensor=sensor, azimuth_offset_deg=offset, lat_deg=lat)
-    config = replace(base, seed=seed, input=inputs, score=replace(base.score, truth_lag_s=lag, moving_only=moving))
+    inputs = replace(InputConfig(), sensor=sensor, own_ship=ship, lat_deg=lat)
+    cluster, score = replace(base.cluster, max_extent_m=extent), replace(base.score, moving_only=moving)
+    config = replace(base, seed=seed, input=inputs, cluster=cluster, score=score)
     assert same(config_from_toml(to_toml(config)), config)
 
 

@@ -15,9 +15,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from maritrack.config import build
+from maritrack.config import build, toml_table
 from maritrack.errors import ConfigError
-from maritrack.settings import InputConfig
+from maritrack.settings import InputConfig, parse_lags
 
 CALIBRATED = ("azimuth_offset_deg", "range_offset_m", "latency_s")
 
@@ -69,14 +69,27 @@ def calibrated(
     return {**sensors, **over}
 
 
-def check_document(octets: bytes, *, name: str) -> None:
-    """ConfigError unless the octets are a TOML text that says something; `name` is what the message calls it."""
+def check_sensors(octets: bytes, *, name: str) -> None:
+    """ConfigError unless the octets are a document of sensors; `name` is what the message calls it."""
+    parse_sensors(_text(octets, name=name), name=name, base=InputConfig())
+
+
+def check_calibration(octets: bytes, *, name: str) -> str:
+    """`score.truth_lag_s` of a calibration, "" where it has none; ConfigError where the octets are none."""
+    text = _text(octets, name=name)
+    calibrated({}, text, name=name, base=InputConfig())
+    return lags_of(text, name=name)
+
+
+def _text(octets: bytes, *, name: str) -> str:
+    """The octets as a TOML text that says something."""
     try:
         text = octets.decode("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{name}: not a text, at byte {error.start}", hint="a TOML file is asked for") from None
     if not _document(text, name=name):
         raise ConfigError(f"{name}: says nothing", hint='write [sensors."7-42"]')
+    return text
 
 
 def lags_of(text: str, *, name: str) -> str:
@@ -85,12 +98,16 @@ def lags_of(text: str, *, name: str) -> str:
     lags = score.get("truth_lag_s", "") if isinstance(score, dict) else None
     if not isinstance(lags, str) or set(score) - {"truth_lag_s"}:
         raise ConfigError(f"{name}: of [score] a calibration has truth_lag_s alone", hint="maritrack calibrate -o FILE")
+    try:
+        parse_lags(lags)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from None
     return lags
 
 
 def _document(text: str, *, name: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return toml_table(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: {error}") from None
 

@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from maritrack.config import build
+from maritrack.config import build, toml_table
 from maritrack.errors import ConfigError
 from maritrack.simulate.antenna import RadarSettings
 from maritrack.simulate.pointscene import PointScene
@@ -92,7 +92,7 @@ def load_any(name_or_path: str | Path) -> Scene | PointScene:
     else:
         raise ConfigError(f"no scene '{name}'", hint="scenes: " + ", ".join(known) + "; or a path to a .toml file")
     try:
-        table = tomllib.loads(text)
+        table = toml_table(text)
         if "objects" in table:
             points: PointScene = build(PointScene, table, "")
             return points

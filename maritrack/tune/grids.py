@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from maritrack.config import toml_table
 from maritrack.errors import UsageError
 
 MOST = 10_000  # values of one key, combinations of all
@@ -80,14 +81,14 @@ def nested(assignments: Mapping[str, Any]) -> dict[str, Any]:
 
 def _toml_values(told: str) -> tuple[Any, ...]:
     try:
-        return tuple(tomllib.loads(f"v = [{told}]")["v"])
+        return tuple(toml_table(f"v = [{told}]")["v"])
     except tomllib.TOMLDecodeError:
         return tuple(_toml_value(part.strip()) for part in told.split(","))
 
 
 def _toml_value(word: str) -> Any:
     try:
-        return tomllib.loads(f"v = {word}")["v"]
+        return toml_table(f"v = {word}")["v"]
     except tomllib.TOMLDecodeError:
         return word
 

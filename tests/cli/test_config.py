@@ -42,6 +42,14 @@ def test_a_file_may_extend_a_preset(tmp_path: Path) -> None:
         ("extends = 'nonsense'\n", "nonsense"),
         ("[model\n", "line 1"),
         ("\0", "line 1"),
+        ("extends = 3\n", "'extends' = 3"),
+        (f"a = {'[' * 5000}", "nests too deeply"),
+        (f"[model]\np_detect{'.a' * 5000} = 1\n", "'model.p_detect' = {'a': {"),
+        (f"[model]\np_detect = 1{'0' * 400}\n", "is too large a number"),
+        (f"seed = 1{'0' * 5000}\n", "a number of too many digits"),
+        ("[subtract]\nhalf_life_scans = 0.0001\n", "subtract.half_life_scans = 0.0001: at least 0.1"),
+        ("[input]\nsigma_m = nan\n", "input.sigma_m = nan"),
+        ("[score]\ntruth_lag_s = 'a=nan'\n", "score.truth_lag_s: 'a=nan'"),
     ],
 )
 def test_a_wrong_file_is_told_in_one_line_with_its_name(tmp_path: Path, text: str, told: str) -> None:

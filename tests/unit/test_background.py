@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from maritrack import geo
-from maritrack.detect.background import Background, judged, learn, mask_of, no_background, psi_of, take_counts
+from maritrack.detect.background import Background, judged, learn, mask_of, no_background, psi_of, rate_of, take_counts
 from maritrack.settings import SubtractConfig
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 
@@ -39,6 +39,14 @@ def dense_background(psi: FloatArray, rules: SubtractConfig) -> FloatArray:
     if rules.decision == "tail":
         return np.asarray(above.sum(axis=1) - 0.5)
     return np.asarray(above.max(axis=1) - psi[:, : rules.threshold + 1].max(axis=1))
+
+
+def test_the_shortest_memory_that_settings_allow_is_still_a_distribution() -> None:
+    rules, model = SubtractConfig(method="abs", half_life_scans=0.1), no_background()
+    rate = rate_of(model, Scan(Sensor("a", 1.0, 0.1, 1e4), 0, 0, np.zeros(2), 0.0), rules)
+    for k in range(30):
+        model = feed(model, np.arange(SIDE**2) * (k % 3), rules, rate=rate)
+    assert_allclose(psi_of(model, model.key, rules).sum(axis=1), 1.0, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)

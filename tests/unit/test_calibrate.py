@@ -17,7 +17,7 @@ from maritrack.calibrate.search import Span
 from maritrack.calibrate.sightings import Sightings, Way, ways_of
 from maritrack.errors import ConfigError, UsageError
 from maritrack.io.reference import Reports, build_reference
-from maritrack.io.sensors import calibrated, lags_of
+from maritrack.io.sensors import calibrated, check_calibration, lags_of
 from maritrack.settings import InputConfig
 
 TURN_S, SCANS = 2.5, 60
@@ -165,12 +165,24 @@ def test_a_calibration_is_a_file_of_sensors_and_lags() -> None:
         ("sensors = 3", "c.toml: no table of sensors"),
         ('[sensors.a]\nroi_max_m = 3.0', "c.toml: 'roi_max_m' is no result of a calibration"),
         ('[sensors.a]\nlatency_s = "x"', "c.toml: 'sensors.a.latency_s' = 'x' is not of type float"),
+        ("[sensors.a]\nazimuth_offset_deg = nan", "c.toml: input.azimuth_offset_deg = nan is not within"),
+        ("[sensors.a]\nazimuth_offset_deg = 1e308", "c.toml: input.azimuth_offset_deg = 1e+308 is not within"),
+        ("[sensors.a]\nlatency_s = 1e10", "c.toml: input.latency_s = 10000000000.0 is not within"),
+        ("[sensors.a]\nrange_offset_m = -inf", "c.toml: input.range_offset_m = -inf is not within"),
+        (f"[sensors.a]\nlatency_s = 1{'0' * 400}", "c.toml: 'sensors.a.latency_s' = 1000000"),
+        (f"[sensors.a]\nlatency_s = 1{'0' * 5000}", "c.toml: a number of too many digits"),
+        (f"a = {'[' * 5000}{']' * 5000}", "c.toml: nests too deeply"),
+        (f"[sensors.a]\nlatency_s{'.x' * 5000} = 1", "c.toml: 'sensors.a.latency_s' = {'x': {"),
+        ('[score]\ntruth_lag_s = "1=1e400"', "c.toml: score.truth_lag_s: '1=1e400' is not within"),
+        ('[score]\ntruth_lag_s = "1"', "c.toml: score.truth_lag_s: '1' is not ID=SECONDS"),
+        ("\n", "c.toml: says nothing"),
     ],
 )  # fmt: skip
 def test_what_is_no_calibration_is_named(text: str, told: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        calibrated({}, text, name="c.toml", base=InputConfig())
+        check_calibration(text.encode(), name="c.toml")
     assert str(caught.value).startswith(told)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
 
 
 def test_lags_of_another_kind_are_named() -> None:

@@ -54,8 +54,8 @@ def test_a_run_that_fails_is_a_row_and_stops_nothing() -> None:
     harbour = subjects([HARBOUR])
     rows = study(harbour, grid({"input.sensor": ("9-9", "")}), by="gospa")
     assert [bool(row.error) for row in rows] == [False, True] and "no sensor '9-9'" in rows[1].error
-    rows = study(harbour, grid({"score.truth_lag_s": ("?", "")}), by="gospa")
-    assert [bool(row.error) for row in rows] == [False, True] and "ID=SECONDS" in rows[1].error
+    rows = study(harbour, grid({"input.from_s": (1e6, 0.0)}), by="gospa")
+    assert [bool(row.error) for row in rows] == [False, True] and "no scan in it" in rows[1].error
     rows = study(harbour, grid({"model.min_axis_m": (2.0, 60.0), "model.max_axis_m": (50.0, 90.0)}), by="gospa")
     assert [row.error for row in rows] == ["", "", "", "model: 0 < min_axis_m < max_axis_m"]
     assert rows[3].values == {"model.min_axis_m": 60.0, "model.max_axis_m": 50.0} and rows[3].metrics == {}
