@@ -112,6 +112,7 @@ def process(
         input_sha256=[input_digest(o, p) for o, p in zip(octets, inputs, strict=True)],
         name="stdin" if str(inputs[0]) == "-" else inputs[0].stem, out=out, rrd=not no_rrd, mcap=not no_mcap,
         strict=strict, force=force, workers=workers, save_background=save_background,
+        background_name="background" if background is None else str(background),
     )  # fmt: skip
     render.note(f"{', '.join(kinds)}: preset {chosen}, tracker {settings.tracker_name}", quiet=quiet)
     scans = settings.input.limit

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from maritrack.chain import build_chain, process
+from maritrack.chain import Chain, build_chain, process
 from maritrack.detect.snapshot import read_snapshot
 from maritrack.errors import InputError, UsageError
 from maritrack.io.source import Octets
@@ -41,6 +41,7 @@ class Job:
     workers: int = 1  # processes that inflate video; they change nothing but the time
     force: bool = False
     save_background: Path | None = None  # where to write what was learned of the background
+    background_name: str = "background"  # what messages call the background among the side documents
     raster_px: int = field(default=1024)
 
 
@@ -61,12 +62,13 @@ def execute(
     again = job.force or job.save_background is not None
     if not again and all(job.input_sha256) and (old := finished(folder, manifest, job)) is not None:
         return old, True
+    chain = _chain(job, recording)
     folder.mkdir(parents=True, exist_ok=True)
     with only_one(folder):
         keep = (folder / SUMMARY).exists()  # of a finished run: an interrupted one doesn't take its place
         try:
             summary = run(
-                recording.frames, _chain(job.config, recording), _sinks(job, folder), manifest,
+                recording.frames, chain, _sinks(job, folder), manifest,
                 reference=recording.reference, progress=progress, extra_damage=recording.damage, keep_partial=keep,
                 step=step,
             )  # fmt: skip
@@ -96,7 +98,7 @@ def run_silently(
         job.config, input_sha256=job.input_sha256, input_kind=recording.kinds, side=job.side,
         origin=recording.origin, recording=job.name,
     )  # fmt: skip
-    chain = _chain(job.config, recording)
+    chain = _chain(job, recording)
     summary = run(
         recording.frames, chain, sinks, manifest, reference=recording.reference, extra_damage=recording.damage
     )
@@ -116,13 +118,14 @@ def finished(folder: Path, manifest: RunManifest, job: Job) -> dict[str, Any] | 
     return summary if same else None
 
 
-def _chain(config: Config, recording: Recording) -> Any:
+def _chain(job: Job, recording: Recording) -> Chain:
+    config, name = job.config, job.background_name
     reference, snapshot = recording.reference, recording.side.get("background")
     known = {}
     if snapshot is not None:
         if config.subtract.method == "none":
-            raise UsageError("background: nothing is subtracted", hint="--set subtract.method=abs")
-        known = read_snapshot(snapshot, config.subtract, recording.origin, name="background")
+            raise UsageError(f"{name}: nothing is subtracted", hint="--set subtract.method=abs")
+        known = read_snapshot(snapshot, config.subtract, recording.origin, name=name)
     return build_chain(config, unexplained=reference is not None and not reference.complete, background=known)
 
 

@@ -29,6 +29,7 @@ FORMAT, SLOTTED = "maritrack-background/2", "maritrack-background/1"
 HEADER = "header.npy"
 MOST_OCTETS, MOST_MODELS, MOST_HEADER = 1 << 29, 64, 1 << 16
 SLACK = 1e-6  # of probabilities
+FARTHEST_M = 1e7  # from the origin, of the corner of a grid
 ROWS = {"key": "<i8", "late": "<f8", "base": "<f8", "rest": "<f8"}
 PAIRS = {"name": "<i8", "level": "<f8"}
 SLOTS = {"key": ("<i8", 1), "at": ("<f8", 1), "floor": ("<f8", 1), "count": ("<i2", 2), "weight": ("<f8", 2)}
@@ -70,9 +71,10 @@ def read_snapshot(data: bytes, rules: SubtractConfig, origin: Origin | None, *, 
             header = _header(_array(members, HEADER, "|u1", 1, name), name)
             model = _model if header["format"] == FORMAT else _slotted
             models = {
-                str(told["sensor"]): model(members, i, told, int(header["categories"]), name)
+                str(told["sensor"]): model(members, i, told, header["categories"], name)
                 for i, told in enumerate(header["models"])
             }
+            place = _place(header["origin"])
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
         raise InputError(f"{name}: no snapshot of a background: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -82,7 +84,7 @@ def read_snapshot(data: bytes, rules: SubtractConfig, origin: Origin | None, *, 
             f"{name}: a background of {header['categories']} counts in pixels of {header['pixel_m']} m",
             hint=f"--set subtract.pixel_m={float(header['pixel_m'])} --set subtract.categories={header['categories']}",
         )
-    shift = _shift(header["origin"], origin, name)
+    shift = _shift(place, origin, name)
     return {
         sensor: judged(replace(m, corner_m=(m.corner_m[0] + shift[0], m.corner_m[1] + shift[1])), rules)
         for sensor, m in models.items()
@@ -108,7 +110,10 @@ def _array(members: Mapping[str, bytes], member: str, kind: str, ndim: int, name
     content = io.BytesIO(members[member])
     if np.lib.format.read_magic(content) != (1, 0):
         raise ValueError(f"{member} is of another version")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(content)
+    try:
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(content)
+    except ValueError:  # its words are many, and of Python
+        raise ValueError(f"the head of {member} can't be read") from None
     body = content.read()
     if dtype != np.dtype(kind) or fortran or len(shape) != ndim or math.prod(shape) * dtype.itemsize != len(body):
         raise ValueError(f"{member} is not an array of {kind} with {ndim} axes")
@@ -124,10 +129,13 @@ def _header(text: NDArray[Any], name: str) -> dict[str, Any]:
         raise ValueError("its header nests too deeply") from None
     if not isinstance(header, dict) or header.get("format") not in (FORMAT, SLOTTED):
         raise InputError(f"{name}: no snapshot of a background in the format {FORMAT}")
-    if not (math.isfinite(header["pixel_m"]) and header["pixel_m"] > 0 and 2 <= int(header["categories"]) <= 32768):
+    pixel_m, categories = header["pixel_m"], header["categories"]
+    if type(categories) is not int or not (math.isfinite(pixel_m) and pixel_m > 0 and 2 <= categories <= 32768):
         raise ValueError("its grid")
     if not isinstance(header["models"], list) or len(header["models"]) > MOST_MODELS:
         raise ValueError("its models")
+    if not header["models"]:
+        raise InputError(f"{name}: a snapshot of a background without a model of any sensor")
     return header
 
 
@@ -189,10 +197,12 @@ def _bare(told: dict[str, Any], key: NDArray[Any], i: int) -> Background:
         int(told["scans"]),
         np.zeros(len(key)),
     )
-    right = math.isfinite(now) and now >= 0 and math.isfinite(east + north) and scans >= 0
+    right = math.isfinite(now) and now >= 0 and abs(east) <= FARTHEST_M and abs(north) <= FARTHEST_M and scans >= 0
     if not right or not bool((np.diff(key) > 0).all() and (key >= 0).all()):
         raise ValueError(f"model {i} is none")
-    converged = bool(told["converged"])
+    converged = told["converged"]
+    if type(converged) is not bool:
+        raise ValueError(f"model {i} is none")
     return Background(
         key.astype(np.int64), zero, zero, zero, zero, zero, zero, zero.astype(np.int16), zero,
         now=now, scans=scans, converged=converged, settled=converged, corner_m=(east, north),
@@ -210,15 +220,24 @@ def _summed(model: Background, categories: int, i: int) -> Background:
     return model
 
 
-def _shift(told: Any, origin: Origin | None, name: str) -> tuple[float, float]:
+def _place(told: Any) -> Origin | None:
+    """The origin that the header tells."""
+    if told is None:
+        return None
+    if not (isinstance(told, list) and len(told) == 2 and all(type(x) in (int, float) for x in told)):
+        raise ValueError("its origin is no latitude and longitude")
+    lat, lon = map(float, told)
+    if not (abs(lat) <= 90 and abs(lon) <= 180):
+        raise ValueError("its origin is off the globe")
+    return Origin(lat, lon)
+
+
+def _shift(told: Origin | None, origin: Origin | None, name: str) -> tuple[float, float]:
     """East-north of the snapshot's origin in the run's plane."""
     if (told is None) != (origin is None):
         where = "without" if told is None else "with"
         raise InputError(f"{name}: a background {where} a position on the globe, the run is the other way round")
     if told is None or origin is None:
         return 0.0, 0.0
-    lat, lon = (float(x) for x in told)
-    if not (abs(lat) <= 90 and abs(lon) <= 180):
-        raise InputError(f"{name}: damaged snapshot of a background: its origin is off the globe")
-    east, north = geo.geodetic_to_en(origin, np.array([lat]), np.array([lon]))[0].tolist()
+    east, north = geo.geodetic_to_en(origin, np.array([told.lat_deg]), np.array([told.lon_deg]))[0].tolist()
     return east, north

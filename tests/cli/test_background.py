@@ -44,7 +44,7 @@ def test_what_is_no_snapshot_is_one_line(snapshot: Path, tmp_path: Path) -> None
     bad = tmp_path / "bad.npz"
     bad.write_bytes(snapshot.read_bytes()[:300])
     told = ("--limit", "2", "--no-rrd", "--no-mcap", "-q", "-o", tmp_path)
-    assert "no snapshot" in call("process", HARBOUR, "--background", bad, *told).error
+    assert call("process", HARBOUR, "--background", bad, *told).error.startswith(f"{bad}: no snapshot of a background")
     assert "no such file" in call("process", HARBOUR, "--background", tmp_path / "none.npz", *told).error.lower()
     grid = call("process", HARBOUR, "--background", snapshot, "--set", "subtract.pixel_m=30.0", *told)
     assert grid.code == 2 and "pixels of 100.0 m" in grid.error
@@ -52,6 +52,8 @@ def test_what_is_no_snapshot_is_one_line(snapshot: Path, tmp_path: Path) -> None
     assert nothing.code == 2 and "nothing is subtracted" in nothing.error
     nowhere = call("process", HARBOUR, "--save-background", tmp_path / "no" / "b.npz", *told)
     assert nowhere.code == 2 and nowhere.error
+    wrong = call("process", HARBOUR, "--background", bad, "--no-mcap", "-q", "-o", tmp_path / "fresh")
+    assert wrong.code == 2 and not (tmp_path / "fresh").exists()
 
 
 def test_a_run_that_saves_is_not_skipped_for_an_equal_one(snapshot: Path, tmp_path: Path) -> None:

@@ -95,6 +95,11 @@ def with_header(**values: Any) -> Any:
     return apply
 
 
+def with_model(**values: Any) -> Any:
+    told = json.loads(np.load(io.BytesIO(zipfile.ZipFile(io.BytesIO(GOOD)).read("header.npy"))).tobytes())["models"][0]
+    return with_header(models=[told | values])
+
+
 def in_slots(m: Background) -> bytes:
     """The model as a snapshot of the format before: a row is as of its last point, here as of when psi_0 was 0."""
     psi = psi_of(m, m.key, RULES)
@@ -133,6 +138,7 @@ def test_the_format_before_is_read(start: Any) -> None:
 
 GOOD = snapshot_octets({"a": model()}, RULES, None)
 OLD = in_slots(model())
+LONG_HEAD = b"\x93NUMPY\x01\x00" + (60_000).to_bytes(2, "little") + b"(" * 59_999 + b"\n"
 
 
 @pytest.mark.parametrize(
@@ -175,13 +181,20 @@ OLD = in_slots(model())
         rewritten(GOOD, with_header(models=[{}])), rewritten(GOOD, with_header(models={"a": 1})),
         rewritten(GOOD, with_header(models=[{"sensor": "a", "corner_m": [0, 0], "now": -1, "scans": 3}])),
         rewritten(GOOD, with_header(origin=[500, 2])), rewritten(GOOD, with_header(origin="here")),
-        rewritten(GOOD, with_header(categories=10**9)),
+        rewritten(GOOD, with_header(categories=10**9)), rewritten(GOOD, with_header(categories=256.7)),
+        rewritten(GOOD, with_header(origin="ab")), rewritten(GOOD, with_header(origin=[1])),
+        rewritten(GOOD, with_header(origin={"a": 1, "b": 2})), rewritten(GOOD, with_header(origin=["1", "2"])),
+        rewritten(GOOD, with_header(origin=[float("nan"), 2])), rewritten(GOOD, with_header(models=[])),
+        rewritten(GOOD, with_model(converged="no")), rewritten(GOOD, with_model(corner_m=[1e15, 0])),
+        rewritten(GOOD, with_model(corner_m=[0, float("nan")])),
+        rewritten(GOOD, lambda n, o: LONG_HEAD if n == "0.key.npy" else o),
     ],
 )  # fmt: skip
 def test_what_is_no_snapshot_is_told_in_one_line(data: bytes) -> None:
     with pytest.raises(InputError) as error:
         read_snapshot(data, RULES, None, name="harbour.npz")
     assert str(error.value).startswith("harbour.npz: ") and "\n" not in str(error.value)
+    assert "other way round" not in str(error.value) and "pickle" not in str(error.value)
 
 
 def test_damage_anywhere_is_told_or_harmless() -> None:
