@@ -18,7 +18,7 @@ from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, Tracker
-from maritrack.types import CONFIRMED, BoolArray, Damage, Event, Frame, Mask, Points, Result, Scan, Tracks, take
+from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Mask, Points, Result, Scan, Tracks, take
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,24 +134,6 @@ def ready(background: Mapping[str, Background], scan: Scan, config: Config) -> b
     """Whether the scan goes to the tracker."""
     waits = config.subtract.method != "none" and config.subtract.track_from == "converged"
     return not waits or background[model_name(scan, config)].converged
-
-
-def untracked(chain: Chain, state: ChainState) -> tuple[Damage, ...]:
-    """What to say after a run of each sensor whose scans never went to the tracker: its background did not converge."""
-    rules = chain.config.subtract
-    if rules.method == "none" or rules.track_from != "converged":
-        return ()
-    knob = next((name for name in ("half_life_s", "half_life_scans") if getattr(rules, name)), "learning_rate")
-    return tuple(
-        Damage(
-            "tracking-not-started", -1,
-            f"tracking never started{f' for {name}' if name else ''}: its background did not converge within "
-            f'{model.scans} scans; subtract.track_from = "start" does not wait, a smaller subtract.{knob} waits less',
-            name,
-        )
-        for name, model in sorted(state.background.items())
-        if not model.converged and model is not chain.background.get(name)
-    )  # fmt: skip
 
 
 def background_events(

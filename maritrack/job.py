@@ -69,8 +69,8 @@ def execute(
         try:
             summary = run(
                 recording.frames, chain, _sinks(job, folder), manifest,
-                reference=recording.reference, progress=progress, extra_damage=recording.damage, keep_partial=keep,
-                step=step,
+                reference=recording.reference, progress=progress, extra_damage=recording.damage,
+                calibrated=recording.calibrated, keep_partial=keep, step=step,
             )  # fmt: skip
         except OSError as error:
             raise InputError(f"{error.filename or folder}: {error.strerror or error}") from error
@@ -100,8 +100,9 @@ def run_silently(
     )  # fmt: skip
     chain = _chain(job, recording)
     summary = run(
-        recording.frames, chain, sinks, manifest, reference=recording.reference, extra_damage=recording.damage
-    )
+        recording.frames, chain, sinks, manifest, reference=recording.reference, extra_damage=recording.damage,
+        calibrated=recording.calibrated,
+    )  # fmt: skip
     return summary, manifest
 
 

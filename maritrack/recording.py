@@ -42,6 +42,7 @@ class Recording:
     reference: Reference | None
     side: Mapping[str, bytes]  # documents that replay needs besides the input: "truth", "own-ship", "sensors", ...
     damage: tuple[Damage, ...]  # of the side documents, one a code
+    calibrated: tuple[str, ...] = ()  # what a calibration names: no input, so a sensor, if there is one of that name
 
 
 def kinds_of(octets: Sequence[Octets]) -> tuple[str, ...]:
@@ -143,7 +144,14 @@ def open_recording(
     wrong = reference.damage if reference is not None else ()
     damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
     frames = nonempty(windowed(in_steps(merged.frames(), settings.step_s), settings), sources, octets)
-    return Recording(tuple(kinds), frames, merged.origin or origin, reference, side, damage)
+    named = unclaimed(side, settings, octets, kinds)
+    if "cat240" not in kinds:  # an input is one sensor, whatever its scans are called
+        damage += tuple(
+            Damage("calibration-unused", -1, f"the calibration of {name!r} was of no use: no input has that name", name)
+            for name in named
+        )
+        named = ()
+    return Recording(tuple(kinds), frames, merged.origin or origin, reference, side, damage, named)
 
 
 def sensors_of(side: Mapping[str, bytes], settings: InputConfig) -> Mapping[str, InputConfig]:
@@ -155,6 +163,19 @@ def sensors_of(side: Mapping[str, bytes], settings: InputConfig) -> Mapping[str,
     if "calibration" in texts:
         sensors = calibrated(sensors, texts["calibration"], name="calibration", base=settings)
     return sensors
+
+
+def unclaimed(
+    side: Mapping[str, bytes], settings: InputConfig, octets: Sequence[Octets], kinds: Sequence[str]
+) -> tuple[str, ...]:
+    """What a calibration names that is no input: the stem of one, or the one sensor of points."""
+    if "calibration" not in side:
+        return ()
+    text = side["calibration"].decode("utf-8", "replace")
+    names = calibrated({}, text, name="calibration", base=settings)
+    claimed = {Path(one.name).stem for one in octets}
+    claimed |= {settings.sensor or "radar" for kind in kinds if kind != "cat240"}
+    return tuple(sorted(set(names) - claimed))
 
 
 def carriers_of(

@@ -12,9 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from maritrack.chain import Chain, ChainState, process, untracked
+from maritrack.chain import Chain, ChainState, process
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
+from maritrack.remarks import remarks
 from maritrack.settings import parse_lags
 from maritrack.types import CONFIRMED, Damage, Frame, Result, RunManifest
 
@@ -51,6 +52,7 @@ class Tally:
     moving: int = 0
     tracks: int = 0
     timing_ms: dict[str, float] = field(default_factory=dict)
+    sensors: set[str] = field(default_factory=set)
     ids_confirmed: set[int] = field(default_factory=set)
     ids_moving: set[int] = field(default_factory=set)
 
@@ -66,6 +68,7 @@ class Tally:
     def add(self, result: Result, which: Any) -> None:
         """Take one result in."""
         self.frames += 1
+        self.sensors.add(result.frame.scan.sensor.id)
         self.points += len(result.points)
         self.clusters += len(result.clusters)
         self.tracks += len(result.tracks)
@@ -95,11 +98,13 @@ def run(
     reference: Reference | None = None,
     progress: Progress | None = None,
     extra_damage: Sequence[Damage] = (),
+    calibrated: Sequence[str] = (),
     keep_partial: bool = False,
     step: Step = process,
 ) -> dict[str, Any]:
     """Process all frames; the summary document (`metrics`, `counts`, `objects`, `timing`).
 
+    `calibrated` are sensors that a calibration names; those without a scan are warned of.
     An interruption (Ctrl-C, SIGTERM) ends the run after the frame in work and closes the sinks, and the summary says
     so (`keep_partial`: aborts them instead); any other error aborts them, so that no half run stands under a
     final name. Sinks open with the first frame: an input without one leaves nothing behind.
@@ -130,7 +135,8 @@ def run(
                 if asked():
                     interrupted = True
                     break
-        for damage in () if manifest.smoothed_from else untracked(chain, state):
+        said = remarks(chain, state, sensors=tally.sensors, calibrated=calibrated)
+        for damage in () if manifest.smoothed_from else said:
             tally.note(damage)
         summary = summarise(tally, chain, manifest, time.process_time() - started, interrupted)
         for sink in opened:

@@ -40,6 +40,13 @@ def test_a_known_harbour_starts_with_its_mask_and_replays(snapshot: Path, tmp_pa
     assert without.json["run_id"] != done.json["run_id"]
 
 
+def test_a_background_of_another_sensor_is_warned_of(snapshot: Path, tmp_path: Path) -> None:
+    told = ("process", HARBOUR, "--limit", "3", "--no-rrd", "-q", "-o", tmp_path)
+    done = call(*told, "--background", snapshot, "--set", "subtract.masks=joint")
+    assert done.code == 0 and "the background of '7-42' was of no use" in done.out
+    assert "background-unused" not in call(*told, "--background", snapshot).out
+
+
 def test_what_is_no_snapshot_is_one_line(snapshot: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.npz"
     bad.write_bytes(snapshot.read_bytes()[:300])

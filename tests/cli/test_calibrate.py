@@ -87,6 +87,19 @@ def test_lags_of_a_calibration_are_settings_of_the_metrics(sample: Path, tmp_pat
     assert with_lag["metrics"]["gospa_localisation"] != without["metrics"]["gospa_localisation"]
 
 
+def test_a_calibration_of_a_sensor_that_is_not_in_the_run_is_warned_of(sample: Path, tmp_path: Path) -> None:
+    file, points = tmp_path / "c.toml", tmp_path / "plots.json"
+    file.write_text("".join(f'[sensors."{name}"]\nlatency_s = 1.0\n' for name in ("7-42", "9-99", "harbour", "a")))
+    short = ("--calibration", file, "--no-rrd", "-q", "-o", tmp_path / "run")
+    done = call("process", sample, "--limit", "2", *short)
+    assert done.code == 0 and "the calibration of '9-99' was of no use: this run is of '7-42'" in done.out
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["warnings"]["calibration-unused"]["count"] == 2
+    points.write_text('{"format": "maritrack-points/1", "frame": "enu", "scans": '
+                      '[{"time_s": 1.0, "sensor": "a", "points": [[100.0, 200.0]]}]}')  # fmt: skip
+    told = json.loads(call("process", points, "--json", *short).out)["warnings"]["calibration-unused"]
+    assert told["count"] == 4 and "no input has that name" in told["message"]
+
+
 def test_what_cannot_be_calibrated_is_told_in_one_line(sample: Path, tmp_path: Path) -> None:
     alone = Path(shutil.copy(sample, tmp_path / "alone.cat240"))
     assert call("calibrate", alone, "-q").error == f"{alone}: no truth to compare with"

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maritrack.chain import ChainState, build_chain, process, untracked
+from maritrack.chain import ChainState, build_chain, process
 from maritrack.config import load_config
-from maritrack.detect.background import under
+from maritrack.detect.background import Background, no_background, under
+from maritrack.remarks import looked_at, remarks, untracked, unused_background
 from maritrack.settings import Config
 from maritrack.types import STATIONARY, Damage, FloatArray, Frame, Result
 from tests.runs import tracks
@@ -106,11 +107,50 @@ def test_a_run_that_never_tracked_says_so_and_names_the_settings() -> None:
     waits = "subtract.track_from=converged"
     first, second = told(waits)
     assert (first.code, first.sensor, second.sensor) == ("tracking-not-started", "a", "b")
-    assert "for a: its background did not converge within 12 scans" in first.message
+    assert "for 'a': its background did not converge within 12 scans" in first.message
     assert 'subtract.track_from = "start"' in first.message and "subtract.half_life_scans" in first.message
     assert "subtract.learning_rate" in told(waits, "subtract.half_life_scans=0")[0].message
     assert len(told(waits, "subtract.masks=joint", scans=6)) == 1
     assert told() == told(waits, "subtract.method=none") == told(waits, "subtract.half_life_scans=1.0") == []
+
+
+def test_a_background_of_another_sensor_or_place_is_told_and_one_of_this_place_is_not() -> None:
+    settings = config("jipda", "subtract.half_life_scans=2.0")
+    land = np.array([[500.0, 500.0], [900.0, 500.0]])
+
+    def learned(chain: Any, at: FloatArray, scans: int = 12) -> ChainState:
+        state: ChainState = chain.init()
+        for k in range(scans):
+            scan, _ = scan_of(at, TURN_S * k)
+            scan = replace(scan, sensor=replace(scan.sensor, max_range_m=1e4))
+            state, _ = process(chain, state, Frame(k, scan))
+        return state
+
+    def told(known: Background, name: str) -> list[Damage]:
+        chain = build_chain(settings, background={name: known})
+        return list(remarks(chain, learned(chain, land), sensors={"a"}, calibrated=()))
+
+    here = learned(build_chain(settings), land).background
+    (name,) = here
+    assert told(here[name], name) == []
+    (other,) = told(here[name], "9-99\n")
+    assert other.code == "background-unused" and "'9-99\\n' was of no use: those of this run are of" in other.message
+    (away,) = told(replace(here[name], corner_m=(5e6, 0.0)), name)
+    assert away.code == "background-elsewhere" and "no scan looked at one of its 2 pixels" in away.message
+    assert [d.code for d in told(no_background(), "b")] == ["background-unused"]
+    assert unused_background(build_chain(settings), learned(build_chain(settings), land)) == ()
+
+
+def test_a_pixel_has_been_looked_at_when_its_own_time_went_on() -> None:
+    chain = build_chain(config("jipda", "subtract.half_life_scans=20.0"))
+    near, far = np.array([[500.0, 500.0]]), np.array([[9000.0, 500.0]])
+    states = [chain.init()]
+    for k, at in enumerate([np.concatenate([near, far]), near, near]):
+        scan, _ = scan_of(at, TURN_S * k)
+        reach = replace(scan, sensor=replace(scan.sensor, max_range_m=1e5 if k == 0 else 2e3))
+        states.append(process(chain, states[-1], Frame(k, reach))[0])
+    (before,), (after,) = (tuple(state.background.values()) for state in (states[1], states[-1]))
+    assert looked_at(before, after).tolist() == [True, False]
 
 
 def test_a_slow_ship_is_not_the_background_of_its_own_wake_where_moving_tracks_are_spared() -> None:
