@@ -48,12 +48,14 @@ def score(
     archive = read_archive(path)
     config = _config(archive, sets, moving=moving, lags=lags)
     reference = _reference(archive, truth, config)
+    carries = reference is None and archived_config(archive).score.box_margin_m == config.score.box_margin_m
     damage: list[Damage] = []
     sums, n_scans = ScoreSums(), 0
     for scan in iter_results(path, on_damage=damage.append):
         unexplained = "gospa_unexplained" in scan.scores if reference is None else not reference.complete
         chain = build_chain(config, unexplained=unexplained)
-        sums, n_scans = _add(sums, scan, _truth(scan, reference, chain), chain), n_scans + 1
+        sums = _add(sums, scan, _truth(scan, reference, chain), chain, carries=carries)
+        n_scans += 1
     document = {
         "metrics": means(sums), "objects": summary_objects(sums), "score": asdict(config.score), "scans": n_scans,
     }  # fmt: skip
@@ -127,8 +129,11 @@ def _truth(scan: ArchivedScan, reference: Reference | None, chain: Chain) -> Tru
     return next(with_truth([Frame(scan.k, scan.scan)], reference, chain)).truth
 
 
-def _add(sums: ScoreSums, scan: ArchivedScan, truth: Truth | None, chain: Chain) -> ScoreSums:
-    """Sums with one more scan, as the run itself makes them."""
+def _add(sums: ScoreSums, scan: ArchivedScan, truth: Truth | None, chain: Chain, *, carries: bool) -> ScoreSums:
+    """Sums with one more scan, as the run itself makes them.
+
+    Where its points are not archived, what they scored is as archived, if the truth and its boxes are (`carries`).
+    """
     settings, tracks = chain.config.score, scan.tracks
     which = reported(tracks, chain.config)
     scores = score_frame(
@@ -136,4 +141,6 @@ def _add(sums: ScoreSums, scan: ArchivedScan, truth: Truth | None, chain: Chain)
     )  # fmt: skip
     if scan.points is not None and scan.keep is not None and chain.config.subtract.method != "none":
         scores |= background_scores(scan.points, scan.keep, truth, margin_m=settings.box_margin_m)
+    elif carries:
+        scores |= {name: scan.scores[name] for name in ("fpr", "npv") if name in scan.scores}
     return hold(add(sums, scores), truth, tracks, which=which, hold_m=settings.hold_m)

@@ -19,6 +19,7 @@ from maritrack.detect.cells import empty_points
 from maritrack.errors import InputError, UsageError
 from maritrack.io.archive import ArchivedScan, iter_results
 from maritrack.job import execute
+from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
 from maritrack.replay import Replay, prepare
 from maritrack.run import Progress, Step
@@ -83,6 +84,8 @@ def told(
     if points is None or keep is None:  # the run did not archive them
         points, keep = empty_points(), np.zeros(0, bool)
         clusters = replace(clusters, label=np.zeros(0, np.int64))
+    elif chain.config.subtract.method != "none":
+        scores |= background_scores(points, keep, frame.truth, margin_m=settings.box_margin_m)
     alive = tuple(tracks.id.tolist())
     before, now = set(state.alive), set(alive)
     events = [Event("info", "track", f"track {i} begins") for i in alive if i not in before]

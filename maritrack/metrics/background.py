@@ -46,7 +46,7 @@ def confusion(points: Points, keep: BoolArray, truth: Truth, *, margin_m: float 
 def in_boxes(points: Points, truth: Truth, *, margin_m: float = 0.0) -> BoolArray:
     """Whether each point (n,) lies in the box of a vessel at the time when the beam saw it."""
     inside = np.zeros(len(points), bool)
-    for i in range(len(truth)):
+    for i in np.flatnonzero(has_box(truth)).tolist():
         inside |= in_box(points.position_m, points.t_ns, truth, i, margin_m=margin_m)
     return inside
 
@@ -56,15 +56,24 @@ def in_box(position_m: FloatArray, t_ns: IntArray, truth: Truth, i: int, *, marg
 
     A vessel whose size or heading is unknown has no box; under way its course stands for the heading.
     """
-    east_mps, north_mps = truth.velocity_mps[i].tolist()
-    heading_rad = float(truth.heading_rad[i])
-    if math.isnan(heading_rad) and math.hypot(east_mps, north_mps) > COURSE_MPS:
-        heading_rad = math.atan2(east_mps, north_mps)
+    heading_rad = float(headings(truth)[i])
     since_s = (t_ns - truth.t_ns) * 1e-9
     moved_m = since_s[:, None] * np.nan_to_num(truth.velocity_mps[i])
     ahead_m, abeam_m = _aboard(position_m - truth.position_m[i] - moved_m, heading_rad)
     along, across = truth.length_m[i] / 2 + margin_m, truth.width_m[i] / 2 + margin_m
     return np.asarray((np.abs(ahead_m) <= along) & (np.abs(abeam_m) <= across))  # false where something is nan
+
+
+def headings(truth: Truth) -> FloatArray:
+    """Heading of each vessel (n,) in radians, that of its course where it is not known; nan where neither is."""
+    east_mps, north_mps = truth.velocity_mps.T
+    course_rad = np.where(np.hypot(east_mps, north_mps) > COURSE_MPS, np.arctan2(east_mps, north_mps), math.nan)
+    return np.where(np.isnan(truth.heading_rad), course_rad, truth.heading_rad)
+
+
+def has_box(truth: Truth) -> BoolArray:
+    """Which vessels (n,) have a box: their size and their heading are known."""
+    return np.asarray(np.isfinite(truth.length_m + truth.width_m + headings(truth)), bool)
 
 
 def _aboard(offset_m: FloatArray, heading_rad: float) -> tuple[FloatArray, FloatArray]:
@@ -76,8 +85,8 @@ def _aboard(offset_m: FloatArray, heading_rad: float) -> tuple[FloatArray, Float
 def background_scores(
     points: Points, keep: BoolArray, truth: Truth | None, *, margin_m: float = 0.0
 ) -> dict[str, float]:
-    """`fpr` and `npv` of one scan, nan where there is no truth."""
-    if truth is None:
+    """`fpr` and `npv` of one scan, nan where there is no truth, or no vessel of it has a box."""
+    if truth is None or not has_box(truth).any():
         return {"fpr": math.nan, "npv": math.nan}
     table = confusion(points, keep, truth, margin_m=margin_m)
     return {"fpr": table.fpr, "npv": table.npv}

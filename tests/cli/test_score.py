@@ -24,6 +24,15 @@ def test_equal_settings_give_the_numbers_of_the_summary(finished_run: Path, summ
     assert document["scans"] == SCANS
 
 
+def test_what_points_scored_is_told_where_they_are_not_archived(sample: Path, tmp_path: Path) -> None:
+    told = ("--limit", "4", "--no-rrd", "-q", "--json", "-o", tmp_path, "--set", "output.archive_points=false")
+    metrics = call("process", sample, *told).json["metrics"]
+    assert 0.0 < metrics["npv"] < 1.0
+    assert call("score", tmp_path, "--json").json["metrics"] == metrics
+    wider = call("score", tmp_path, "--set", "score.box_margin_m=50.0", "--json").json["metrics"]
+    assert {"fpr", "npv"} <= metrics.keys() - wider.keys()
+
+
 def test_the_archived_truth_document_gives_the_numbers_of_the_summary(
     finished_run: Path, sample: Path, summary: Any
 ) -> None:

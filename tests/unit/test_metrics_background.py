@@ -50,6 +50,19 @@ def test_nothing_over_nothing_is_no_number() -> None:
     assert background_scores(far, np.ones(1, bool), ship)["npv"] == 0.0
 
 
+def test_where_no_vessel_has_a_box_neither_rate_is_known() -> None:
+    ship, two = truth_of((0, 0, 0, 50, 10)), points_at(np.array([[500.0, 0.0], [0.0, 0.0]]))
+    left = np.ones(2, bool)
+    for unknown in (
+        replace(ship, width_m=np.full(1, np.nan)),
+        replace(ship, heading_rad=np.full(1, np.nan)),
+        truth_of(),
+    ):
+        assert all(math.isnan(v) for v in background_scores(two, left, unknown).values())
+    both = truth_of((0, 0, 0, 50, 10), (500, 0, 0, np.nan, 10))
+    assert background_scores(two, left, both) == {"fpr": 0.0, "npv": 0.5}
+
+
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.integers(0, 10_000))
 def test_boxes_are_rectangles_turned_to_the_heading(seed: int) -> None:
