@@ -159,7 +159,9 @@ def _archived(archive: Archive, damage: list[Damage]) -> list[Octets]:
         )
         raise UsageError(f"{archive.path}: only the digest of the recording is archived", hint=hint)
     stems = archive.side.get("names", b"").decode("utf-8", "replace").split("\n")
-    names = stems if len(stems) == len(archive.inputs) and stems[0] else [f"{archive.path}{c}" for c in archive.inputs]
+    names = [f"{archive.path}{channel}" for channel in archive.inputs]
+    if len(stems) == len(archive.inputs) and stems[0]:  # as files: sensors may go by what is before the last dot
+        names = [f"{stem}.{kind}" for stem, kind in zip(stems, archive.manifest.input_kind, strict=True)]
     chunks = [ArchivedChunks(archive.path, channel, damage) for channel in archive.inputs]
     return [_octets(name, c) for name, c in zip(names, chunks, strict=True)]
 

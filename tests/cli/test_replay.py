@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -101,3 +102,11 @@ def test_what_is_no_archive_is_told_in_one_line(sample: Path, tmp_path: Path) ->
         assert done.code == 2 and str(path) in done.error
     (tmp_path / "folder").mkdir()
     assert "no run.mcap" in call("replay", tmp_path / "folder").error
+
+
+def test_a_sensor_that_goes_by_a_file_name_with_dots_is_found_again(sample: Path, tmp_path: Path) -> None:
+    recording, sensors = Path(shutil.copy(sample, tmp_path / "port.a.cat240")), tmp_path / "sensors.toml"
+    sensors.write_text('[sensors."port.a"]\nazimuth_offset_deg = 5.0\n')
+    told = ("--sensors", sensors, "--limit", "2", "--no-rrd", "-q", "-o", tmp_path / "run")
+    assert call("process", recording, *told).code == 0
+    assert call("replay", tmp_path / "run", "--verify", "-q").code == 0
