@@ -57,7 +57,7 @@ def read_tolerances(path: Path, *, floats: Tolerance) -> Tolerances:
         table = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no text, no TOML, a number without end; nests too deeply
         raise ConfigError(f"{path}: {error}") from None
     plain = {name: value for name, value in table.items() if name in Tolerance._fields[:2]}
     own: dict[str, Tolerance] = {}

@@ -48,8 +48,11 @@ def test_what_is_said_of_a_column_of_tracks_holds_in_archives(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "text", ["nix = 1", "[metrics]\ngospa = -1", "[metrics]\ngospa = 'a'", "rtol = inf", "[metrics]\ngospa = {}", "a ="]
-)
+    "text",
+    ["nix = 1", "[metrics]\ngospa = -1", "[metrics]\ngospa = 'a'", "rtol = inf", "[metrics]\ngospa = {}", "a =",
+     "a = " + "[" * 5000, "rtol = 1" + "0" * 5000],
+    ids=range(8),
+)  # fmt: skip
 def test_a_file_that_makes_no_sense_is_told(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError, match=r"tol\.toml"):
         told(tmp_path, text)
