@@ -75,7 +75,7 @@ def _settings(table: Mapping[str, Any], prefix: str = "") -> Cells:
         if isinstance(value, Mapping):
             flat |= _settings(value, f"{prefix}{name}.")
         elif prefix or name not in ("preset", "seed", "tracker_name"):
-            flat[prefix + name] = value
+            flat[prefix + name] = json.dumps(value) if isinstance(value, list) else value  # a table has no lists
     return flat
 
 
