@@ -13,7 +13,7 @@ import numpy as np
 from maritrack import retrospect
 from maritrack.calibrate.fit import LATE_S, LATE_SIGMAS, Fit, first_guess, fit
 from maritrack.calibrate.search import LEAST_SCANS, Span, search
-from maritrack.calibrate.sightings import BIAS_SHARE, Sightings, Way, sightings_of, ways_of
+from maritrack.calibrate.sightings import BIAS_SHARE, Radar, Sightings, Way, as_seen, sightings_of, ways_of
 from maritrack.chain import build_chain, process
 from maritrack.errors import UsageError
 from maritrack.io.reference import Reference, Reports, build_reference
@@ -22,10 +22,12 @@ from maritrack.io.source import Octets
 from maritrack.objects import matrix2
 from maritrack.recording import Recording, open_recording, sensors_of
 from maritrack.settings import Config, InputConfig
-from maritrack.types import Frame
+from maritrack.types import BoolArray, Frame
 
 MAX_GAP_TRACK_S = 10.0  # between two rows of a track of the radar that stands for the truth
 BIAS_TRACK_M = 5.0  # at least, between the echoes of a ship in two radars
+LEAST_HITS, LEAST_HIT_SHARE, MOST_UNSTEADY = 15, 0.6, 0.2  # of a track that stands for a ship; spread of its speed
+LEAST_SHIPS = 3  # that a calibration between radars rests on
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,7 @@ class _One:
     key: str
     sightings: Sightings
     settings: InputConfig
+    by_id: bool  # its settings are given under its id
 
 
 def calibrate(
@@ -106,27 +109,35 @@ def _against_first(
     octets: Sequence[Octets], kinds: Sequence[str], side: Mapping[str, bytes], config: Config, span: Span
 ) -> Calibration:
     first = open_recording(octets[:1], kinds[:1], side, config)
-    reference, bias_m = tracks_as_truth(first, config)
+    reference, bias_m, radar = tracks_as_truth(first, config)
     sensors: list[_One] = []
     for one, kind in zip(octets[1:], kinds[1:], strict=True):
         frames = open_recording([one], [kind], side, config).frames
         sensors += _sensors(frames, one, kind, side, config)
-    known = partial(ways_of, reference, max_gap_s=MAX_GAP_TRACK_S, bias_m=bias_m)
+    known = partial(ways_of, reference, max_gap_s=MAX_GAP_TRACK_S, bias_m=bias_m, radar=radar)
     return _told(Path(octets[0].name).stem, _named(sensors, octets), known, span, lags=False)
 
 
-def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, dict[str, float]]:
-    """The tracks of a recording that move, in hindsight, as ships with reports, and how far off their echoes may lie.
+def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, dict[str, float], Radar]:
+    """The tracks of a recording that move, in hindsight, as ships with reports, how far off their echoes may lie, and
+    where the radar was that saw them.
 
-    From another side another end of a hull shines: within a share of the length that the track has.
+    They are made of all points, as the clusters are that they are compared with: a background that follows a hull
+    eats its stern, and the map does not know a ship that is slow. Instead they have to be long-lived and steady.
     """
-    chain = build_chain(config)
-    state, rows = chain.init(), []
+    rules = replace(
+        config, subtract=replace(config.subtract, method="none"), clutter_map=replace(config.clutter_map, method="none")
+    )
+    chain = build_chain(rules)
+    state, rows, pose_ns, pose_m = chain.init(), [], [], []
     for frame in recording.frames:
         state, result = process(chain, state, frame)
         rows.append((frame.k, result.tracks))
-    history = retrospect.hindsight(retrospect.gather(rows), config)
-    moving = history.rows(history.tracks.moving).tracks
+        pose_ns.append((frame.scan.t_ns + frame.scan.t_start_ns) // 2)
+        pose_m.append(frame.scan.position_m)
+    history = retrospect.hindsight(retrospect.gather(rows), rules)
+    under_way = history.rows(history.tracks.moving)
+    moving = under_way.rows(steady(under_way)).tracks
     ids, ship = np.unique(moving.id, return_inverse=True)
     unknown = np.full(len(ids), math.nan)
     reports = Reports(ship, moving.t_ns, moving.position_m, moving.velocity_mps, np.full(len(moving), math.nan))
@@ -135,7 +146,20 @@ def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, di
     length_m = [2.0 * float(np.median(half_m[ship == i])) for i in range(len(ids))]
     bias_m = {name: max(BIAS_SHARE * length, BIAS_TRACK_M) for name, length in zip(names, length_m, strict=True)}
     told = build_reference(reports, ids=names, names=names, length_m=unknown, width_m=unknown, complete=False)
-    return told, bias_m
+    order = np.argsort(pose_ns, kind="stable")
+    return told, bias_m, Radar(np.array(pose_ns, np.int64)[order], np.array(pose_m).reshape(-1, 2)[order])
+
+
+def steady(history: retrospect.History) -> BoolArray:
+    """Rows (m,) of tracks that live long, are hit in most scans and keep their speed: ships, not what flickers."""
+    tracks = history.tracks
+    _, group, n = np.unique(tracks.id, return_inverse=True, return_counts=True)
+    hit = np.bincount(group, tracks.cluster >= 0)
+    speed_mps = np.hypot(tracks.velocity_mps[:, 0], tracks.velocity_mps[:, 1])
+    typical = np.bincount(group, speed_mps) / n
+    spread = np.sqrt(np.maximum(np.bincount(group, speed_mps**2) / n - typical**2, 0.0))
+    good = (hit >= LEAST_HITS) & (hit >= LEAST_HIT_SHARE * n) & (spread <= MOST_UNSTEADY * typical)
+    return np.asarray(good[group])
 
 
 def _sensors(frames: Iterable[Frame], one: Octets, kind: str, side: Mapping[str, bytes], config: Config) -> list[_One]:
@@ -149,16 +173,20 @@ def _sensors(frames: Iterable[Frame], one: Octets, kind: str, side: Mapping[str,
     for sensor, sightings in seen.items():
         base = for_input(given, stem, base=config.input, sensor=sensor)
         settings = given.get(sensor, base)
-        found.append(_One(f"{stem}\n{sensor}", sightings, settings))
+        found.append(_One(f"{stem}\n{sensor}", sightings, settings, sensor in given))
     return found
 
 
 def _named(sensors: Sequence[_One], octets: Sequence[Octets]) -> list[_One]:
-    """Each under the key that a file of sensors has for it: its id, or the input's stem where several share the id."""
+    """Each under the key that a file of sensors has for it: its id, or the input's stem where several share the id.
+
+    Under its id where its settings were, so that a calibration is laid over them.
+    """
     ids = [one.key.partition("\n")[2] for one in sensors]
     named = []
     for one, id_ in zip(sensors, ids, strict=True):
-        key = id_ if ids.count(id_) == 1 and (len(octets) == 1 or len(set(ids)) > 1) else one.key.partition("\n")[0]
+        alone = ids.count(id_) == 1 and (len(octets) == 1 or len(set(ids)) > 1)
+        key = id_ if alone or one.by_id else one.key.partition("\n")[0]
         named.append(replace(one, key=key))
     return named
 
@@ -169,7 +197,8 @@ def _told(
     """What comes out for each sensor against the ways that are known, in seconds since a time."""
     results, lag_rows = [], []
     for one in sensors:
-        found, which = fitted(one.key, one.sightings, known(one.sightings.start_ns), span, lags=lags)
+        ways = [as_seen(way, one.sightings) for way in known(one.sightings.start_ns)]
+        found, which = fitted(one.key, one.sightings, ways, span, lags=lags)
         results.append(_sensor_result(one, found, which))
         lag_rows += [(way, found, i) for i, way in enumerate(which)] if lags else []
     return Calibration(against, tuple(results), _ship_results(lag_rows))
@@ -191,6 +220,12 @@ def fitted(name: str, sightings: Sightings, ways: list[Way], span: Span, *, lags
     found = fit(sightings, start.ways, first_guess(start.azimuth_rad, start.range_m, np.array(start.late_s)), lags=lags)
     if int(found.used.sum()) < LEAST_SCANS:
         raise UsageError(f"{name}: {int(found.used.sum())} associations with ships under way are too few")
+    ships = int((found.used >= LEAST_SCANS).sum())
+    if any(way.seen_from_m is not None for way in start.ways) and ships < LEAST_SHIPS:
+        raise UsageError(
+            f"{name}: not enough ships: {ships} under way that both radars see, {LEAST_SHIPS} are needed",
+            hint="a longer recording, or AIS with --truth",
+        )
     return found, start.ways
 
 

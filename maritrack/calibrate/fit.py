@@ -5,7 +5,9 @@ much of a hull's near side its echo shows, and where on each ship it lies (along
 allows). A residual is the ship's place less
 the cluster's, along the ray and across it. A lag and the latency shift the same way: most transponders are taken to
 be punctual, and a ship that disagrees is late. Uncertainties are those of a sum over stretches of half a minute
-(sandwich covariance), since the echo of a hull wanders slowly and neighbouring scans err alike.
+(sandwich covariance), since the echo of a hull wanders slowly and neighbouring scans err alike. Where tracks of
+another radar stand for the ships, they are no less than those of a sum over whole ships: the two echoes of a hull lie
+apart for all of its way.
 """
 
 from __future__ import annotations
@@ -30,14 +32,15 @@ HUBER, GATE = 1.5, 4.0  # in standard deviations: full weight up to the first, n
 STRETCH_S = 30.0
 CELL_SHARE = 0.1  # of a cell: no offset is known better
 ROUNDS = 12
-FIXED = 4  # azimuth, range, latency, near side; then a lag a ship, then two places a ship
+FIXED = 4  # azimuth, range, latency, near side; then a lag a ship, two places a ship, and half a length a ship
+NEAR_END_M, SIGMA_NEAR_END_M = 25.0, 50.0  # half of a hull that another radar has tracked: ships are 10 to 400 m long
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """Estimates with their covariance, in radians, metres and seconds."""
 
-    value: FloatArray  # (p,) azimuth, range, latency, near side, lag (s), along and across (s, 2)
+    value: FloatArray  # (p,) azimuth, range, latency, near side, lag (s), along and across (s, 2), half length (s)
     cov: FloatArray  # (p, p)
     shift_s: FloatArray  # (s,) lag less latency: what each ship alone tells
     lag_sigma_s: FloatArray  # (s,) of the shift and the latency
@@ -86,7 +89,8 @@ def _shift_variance(found: Fit, ways: tuple[Way, ...]) -> FloatArray:
 
 def first_guess(azimuth_rad: float, range_m: float, shift_s: FloatArray) -> FloatArray:
     """Values to begin with, the shift of each ship as its lag."""
-    return np.concatenate([[azimuth_rad, range_m, 0.0, NEAR_SIDE], shift_s, np.zeros(2 * len(shift_s))])
+    n = len(shift_s)
+    return np.concatenate([[azimuth_rad, range_m, 0.0, NEAR_SIDE], shift_s, np.zeros(2 * n), np.full(n, NEAR_END_M)])
 
 
 def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late: BoolArray) -> Fit:
@@ -112,6 +116,8 @@ def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late:
     np.add.at(sums, index, score)
     meat = sums.T @ sums + prior
     cov = bread @ meat @ bread
+    if any(way.seen_from_m is not None for way in ways):
+        cov = _by_ship(cov, bread, rows, score, prior)
     cov[0, 0] += (CELL_SHARE * sightings.cell_rad) ** 2
     cov[1, 1] += (CELL_SHARE * sightings.cell_m) ** 2
     shift = x[FIXED : FIXED + n] - x[2]
@@ -122,11 +128,29 @@ def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late:
     )  # fmt: skip
 
 
+def _by_ship(cov: FloatArray, bread: FloatArray, rows: _Rows, score: FloatArray, prior: FloatArray) -> FloatArray:
+    """The covariance (p, p), no variance of it less than that of whole ships, or than that of the model.
+
+    An echo that lies off its ship does so for all of the ship's way: looks at one ship are not independent. But few
+    ships may agree by chance.
+    """
+    _, index = np.unique(rows.ship, return_inverse=True)
+    n = int(index.max(initial=-1)) + 1
+    if n < 2:
+        return cov
+    sums = np.zeros((n, len(cov)))
+    np.add.at(sums, index, score)
+    ships = bread @ (n / (n - 1) * sums.T @ sums + prior) @ bread
+    least = np.maximum(np.diag(ships), np.diag(bread))
+    more = np.sqrt(np.maximum(least / np.diag(cov), 1.0))
+    return np.asarray(cov * more * more[:, None])
+
+
 def _prior_sigma(ways: tuple[Way, ...], late: BoolArray) -> FloatArray:
     flat = [math.radians(90.0), 10_000.0, SIGMA_LATENCY_S, SIGMA_NEAR_SIDE]
-    return np.concatenate(
-        [flat, np.where(late, SIGMA_LAG_S[1], SIGMA_LAG_S[0]), np.repeat([way.bias_m for way in ways], 2)]
-    )
+    places_m = np.repeat([way.bias_m for way in ways], 2)
+    lags_s = np.where(late, SIGMA_LAG_S[1], SIGMA_LAG_S[0])
+    return np.concatenate([flat, lags_s, places_m, np.full(len(ways), SIGMA_NEAR_END_M)])
 
 
 def _pair(
@@ -140,8 +164,9 @@ def _pair(
         speed = np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-6)
         along = velocity / speed[:, None]
         across = np.stack([along[:, 1], -along[:, 0]], axis=1)
-        i = FIXED + n + 2 * s
-        r, a = geo.en_to_polar(position + x[i] * along + x[i + 1] * across - sensor_m)
+        i, half = FIXED + n + 2 * s, FIXED + 3 * n + s
+        end = _other_end(way, along, across, position, sensor_m, t_s + x[FIXED + s] - x[2])
+        r, a = geo.en_to_polar(position + x[i] * along + x[i + 1] * across + x[half] * end - sensor_m)
         depth = _half_depth(way, along, position - sensor_m)
         e = np.stack(
             [r - x[3] * depth - sightings.range_m - x[1], r * geo.wrap(a - sightings.azimuth_rad - x[0])], axis=1
@@ -160,9 +185,30 @@ def _pair(
         J[:, :, 2] = -J[:, :, FIXED + s]
         J[:, :, i] = np.einsum("mrk,mk->mr", axes, along[near])
         J[:, :, i + 1] = np.einsum("mrk,mk->mr", axes, across[near])
+        J[:, :, half] = np.einsum("mrk,mk->mr", axes, end[near])
         parts.append(_Rows(np.full(len(near), s), t_s[near], e[near], J, r[near]))
     names = ("ship", "t_s", "e", "J", "range_m")
     return _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _other_end(
+    way: Way, along: FloatArray, across: FloatArray, position_m: FloatArray, sensor_m: FloatArray, t_s: FloatArray
+) -> FloatArray:
+    """How far this radar's echo of a hull lies from the other radar's, in half lengths (m, 2).
+
+    Each sees what is turned to it, from ahead the bow, from abeam the middle: - (course . ray) of half a length, and
+    so of half a width. Both the same where they look from one side; zero for ships that told where they are.
+    """
+    if way.seen_from_m is None:
+        return np.zeros_like(position_m)
+    turned = _ray(position_m - way.radar_m(t_s)) - _ray(position_m - sensor_m)
+    length, width = (along * turned).sum(axis=1), WIDTH * (across * turned).sum(axis=1)
+    return np.asarray(length[:, None] * along + width[:, None] * across)
+
+
+def _ray(offset_m: FloatArray) -> FloatArray:
+    """Unit vectors (m, 2)."""
+    return np.asarray(offset_m / np.maximum(np.hypot(offset_m[:, 0], offset_m[:, 1]), 1e-9)[:, None])
 
 
 def _half_depth(way: Way, along: FloatArray, offset_m: FloatArray) -> FloatArray:
@@ -170,7 +216,7 @@ def _half_depth(way: Way, along: FloatArray, offset_m: FloatArray) -> FloatArray
     if not way.length_m > 0:
         return np.zeros(len(along))
     width_m = way.width_m if way.width_m > 0 else way.length_m * WIDTH
-    ray = offset_m / np.maximum(np.hypot(offset_m[:, 0], offset_m[:, 1]), 1e-9)[:, None]
+    ray = _ray(offset_m)
     cos, sin = np.abs((along * ray).sum(axis=1)), np.abs(along[:, 0] * ray[:, 1] - along[:, 1] * ray[:, 0])
     return np.asarray((way.length_m * cos + width_m * sin) / 2)
 

@@ -38,7 +38,7 @@ class Sightings:
 
     def sensor_m(self, t_s: FloatArray) -> FloatArray:
         """Where the sensor was (m, 2) at times (m,)."""
-        return np.stack([np.interp(t_s, self.pose_s, self.pose_m[:, axis]) for axis in (0, 1)], axis=1)
+        return _between(t_s, self.pose_s, self.pose_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +53,7 @@ class Way:
     t_s: FloatArray  # (m,) increasing
     position_m: FloatArray  # (m, 2)
     max_gap_s: float  # longer ones are not bridged
+    seen_from_m: FloatArray | None = None  # (m, 2) where the radar was that tracked it; None = it told its own place
 
     @property
     def speed_mps(self) -> float:
@@ -68,6 +69,11 @@ class Way:
         position = self.position_m[a] + (t_s - self.t_s[a])[:, None] * velocity
         inside = (t_s >= self.t_s[0]) & (t_s <= self.t_s[-1]) & (dt <= self.max_gap_s)
         return position, velocity, inside & (np.hypot(velocity[:, 0], velocity[:, 1]) >= LEAST_SPEED_MPS)
+
+    def radar_m(self, t_s: FloatArray) -> FloatArray:
+        """Where the radar was that tracked it (n, 2) at times (n,)."""
+        assert self.seen_from_m is not None
+        return _between(t_s, self.t_s, self.seen_from_m)
 
 
 def sightings_of(frames: Iterable[Frame], config: Config) -> dict[str, Sightings]:
@@ -96,19 +102,56 @@ def _put_together(rows: list[tuple[Scan, Clusters]]) -> Sightings:
     return replace(bare, range_m=range_m, azimuth_rad=azimuth_rad, reach_m=float(range_m.max(initial=0.0)))
 
 
-def ways_of(reference: Reference, start_ns: int, *, max_gap_s: float, bias_m: Mapping[str, float]) -> list[Way]:
-    """The ships that are under way at some time, by id. `bias_m` by id, where the length does not tell it."""
+def as_seen(way: Way, sightings: Sightings) -> Way:
+    """A way that another radar has tracked with how far off its echo may lie here: more, the more the views differ.
+
+    From one place both see the same of a hull. From two sides, or from near and from far, where only what is turned
+    to the radar exceeds the threshold, one may see the bow and the other the stern, of a ship of unknown length.
+    """
+    if way.seen_from_m is None:
+        return way
+    here, there = sightings.sensor_m(way.t_s) - way.position_m, way.seen_from_m - way.position_m
+    near_m, far_m = (np.maximum(np.hypot(*offset.T), 1.0) for offset in (here, there))
+    turned = np.hypot(*(here / near_m[:, None] - there / far_m[:, None]).T)
+    differ = float(np.median(np.minimum(turned + np.abs(np.log(near_m / far_m)), 1.0)))
+    return replace(way, bias_m=float(np.hypot(way.bias_m, differ * BIAS_SHARE * LENGTH_M)))
+
+
+def _since(t_ns: IntArray, start_ns: int) -> FloatArray:
+    return np.asarray((t_ns - start_ns) * 1e-9, np.float64)
+
+
+def _between(t_s: FloatArray, at_s: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Positions (n, 2) at times (n,), of positions (k, 2) at increasing times (k,)."""
+    return np.stack([np.interp(t_s, at_s, position_m[:, axis]) for axis in (0, 1)], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Radar:
+    """Where a radar was over time."""
+
+    t_ns: IntArray  # (k,) increasing
+    position_m: FloatArray  # (k, 2)
+
+
+def ways_of(
+    reference: Reference, start_ns: int, *, max_gap_s: float, bias_m: Mapping[str, float], radar: Radar | None = None
+) -> list[Way]:
+    """The ships that are under way at some time, by id. `bias_m` by id, where the length does not tell it.
+
+    Those that a `radar` has tracked know from where.
+    """
     ways = []
     for i, (first, last) in enumerate(zip(reference.start[:-1].tolist(), reference.start[1:].tolist(), strict=True)):
         if last - first < 2:
             continue
-        t_s = np.asarray((reference.t_ns[first:last] - start_ns) * 1e-9, np.float64)
+        t_s = _since(reference.t_ns[first:last], start_ns)
         length_m, width_m = float(reference.length_m[i]), float(reference.width_m[i])
         by_length = max(BIAS_SHARE * (length_m if length_m > 0 else LENGTH_M), LEAST_BIAS_M)
         bias = bias_m.get(reference.ids[i], by_length)
         way = Way(
             reference.ids[i], reference.names[i], length_m, width_m, bias, t_s, reference.position_m[first:last],
-            max_gap_s,
+            max_gap_s, None if radar is None else _between(t_s, _since(radar.t_ns, start_ns), radar.position_m),
         )  # fmt: skip
         if way.at((t_s[1:] + t_s[:-1]) / 2)[2].any():
             ways.append(way)
