@@ -31,6 +31,7 @@ LEAST_M, LEAST_RAD = 3.0, math.radians(0.05)
 HUBER, GATE = 1.5, 4.0  # in standard deviations: full weight up to the first, none beyond the second
 STRETCH_S = 30.0
 CELL_SHARE = 0.1  # of a cell: no offset is known better
+CHANGES = 0.25  # of how far off an echo may lie: by as much it wanders as a ship comes nearer and more of it shows
 ROUNDS = 12
 FIXED = 4  # azimuth, range, latency, near side; then a lag a ship, two places a ship, and half a length a ship
 NEAR_END_M, SIGMA_NEAR_END_M = 25.0, 50.0  # half of a hull that another radar has tracked: ships are 10 to 400 m long
@@ -118,6 +119,7 @@ def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late:
     cov = bread @ meat @ bread
     if any(way.seen_from_m is not None for way in ways):
         cov = _by_ship(cov, bread, rows, score, prior)
+        cov[1, 1] += CHANGES**2 * float(np.mean([way.bias_m**2 for way in ways])) / n
     cov[0, 0] += (CELL_SHARE * sightings.cell_rad) ** 2
     cov[1, 1] += (CELL_SHARE * sightings.cell_m) ** 2
     shift = x[FIXED : FIXED + n] - x[2]

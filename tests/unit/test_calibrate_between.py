@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from maritrack import geo
 from maritrack.calibrate.estimate import steady
-from maritrack.calibrate.fit import FIXED, Fit, first_guess, fit
+from maritrack.calibrate.fit import CHANGES, FIXED, Fit, first_guess, fit
 from maritrack.calibrate.sightings import Sightings, Way, as_seen
 from maritrack.retrospect import gather
 from maritrack.types import CONFIRMED, FloatArray, Tracks
@@ -82,6 +82,12 @@ def test_deviations_between_radars_are_what_the_errors_of_many_scenes_are() -> N
         told.append(normalised(fitted(*scene(seed, half_m, uneven=0.6))))
     rms = np.sqrt(np.mean(np.square(told), axis=0))
     assert (rms < 1.7).all() and (np.abs(told) < 4.0).all(), (rms, np.abs(told).max(axis=0))
+
+
+def test_a_range_between_radars_is_no_surer_than_how_much_of_a_hull_shows() -> None:
+    seen, ways = scene(1, [50.0, 20.0, 30.0], uneven=0.0)
+    least_m = CHANGES * min(as_seen(way, seen).bias_m for way in ways) / math.sqrt(3)
+    assert fitted(seen, ways).sigma(1) > least_m > 4.0
 
 
 def test_an_echo_may_lie_farther_off_the_more_the_views_of_two_radars_differ() -> None:
