@@ -24,7 +24,8 @@ Examples:
     maritrack simulate far-field -o far.cat240 --scans 240 --no-labels
 
     maritrack simulate hamburg -o port.cat240 --workers 2 --no-labels
-    maritrack process port-*.cat240 --sensors port.sensors.toml --own-ship port.ais.csv --truth port.truth.json
+    maritrack process port-*.cat240 --sensors port.sensors.toml --own-ship port.ais.csv --truth port.truth.json \\
+        -p abs-port --set subtract.start=empty --set subtract.track_from=start
 
     maritrack simulate crossing-3d -o crossing.json
     maritrack process crossing.json --preset engm --tracker gm-phd

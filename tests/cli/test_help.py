@@ -31,6 +31,13 @@ def test_help_of_config_names_its_parts(command: str) -> None:
     assert CliRunner().invoke(app, ["config", command, "--help"]).exit_code == 0
 
 
+def test_help_of_simulate_tracks_the_port_with_the_preset_that_holds_its_ships() -> None:
+    """Pixels of 100 m, as of preset `radar`, fill a river of 500 m; those of `abs-port` do not."""
+    said = CliRunner().invoke(app, ["simulate", "--help"], env={"COLUMNS": "200"}).output
+    port = said[said.index("process port-*.cat240") :]
+    assert "-p abs-port --set subtract.start=empty --set subtract.track_from=start" in port
+
+
 def test_help_lists_every_command() -> None:
     output = CliRunner().invoke(app, ["--help"]).output
     assert all(command in output for command in (*COMMANDS, "config", "tune"))
