@@ -86,6 +86,13 @@ class Run:
         span = (self.t_s > since_s) & (self.t_s <= until_s)
         return float((self.under_way & (self.held_by < 0))[span].sum(axis=1).mean()) if span.any() else float("nan")
 
+    def all_hidden_s(self) -> float:
+        """How long from the beginning the background takes every point; to the end where it always does."""
+        _, _, fn, tn = self.table.T
+        kept = np.flatnonzero(fn + tn > 0)
+        first = int(kept[0]) if len(kept) else len(self.t_s)
+        return float(self.t_s[first - 1]) if first else 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class Piece:

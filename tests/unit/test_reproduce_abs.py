@@ -77,12 +77,26 @@ def test_every_claim_holds_where_runs_are_as_the_paper_tells_them() -> None:
         ("1A", {"held_by": np.arange(1800).reshape(600, 3)}, "1A: dlr4 under way"),
         ("1A", {"held_by": np.arange(1800).reshape(600, 3)}, f"1A: the track of {V3}"),
         ("2A, sea empty at first", {"held_by": np.full((600, 3), -1)}, "sea empty at first"),
+        ("2A, sea empty at first", {"held_by": np.full((600, 3), -1)}, "2A, sea empty at first: fewer misdetections"),
     ],
 )
 def test_a_claim_falls_where_its_numbers_say_so(case: str, change: dict[str, Any], falls: str) -> None:
     runs = [made_up(run.case, **change) if run.case.name == case else run for run in all_runs()]
     claim = next(claim for claim in claims_of(runs) if claim.name.startswith(falls))
     assert not claim.holds
+
+
+def test_misdetections_come_with_how_long_the_background_took_everything() -> None:
+    """A vessel that nothing could have shown is missed before convergence, whatever the tracker does."""
+    run = made_up(CASES[2])
+    table = run.table.copy()
+    table[:34, [FIELDS["fn"], FIELDS["tn"]]] = 0
+    assert run.all_hidden_s() == 0.0 and replace(run, table=table).all_hidden_s() == 34 * 4.0
+    table[:, [FIELDS["fn"], FIELDS["tn"]]] = 0
+    assert replace(run, table=table).all_hidden_s() == T_S[-1]
+    runs = [replace(r, table=table) if r.case.name == "2A" else r for r in all_runs()]
+    told = {c.name: c.ours for c in claims_of(runs) if "fewer misdetections" in c.name}
+    assert [numbers["all_hidden_s"] for numbers in told.values()] == [T_S[-1], 0.0, 0.0] and len(told) == 3
 
 
 def test_shares_count_the_time_under_way_after_convergence() -> None:
