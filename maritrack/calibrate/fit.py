@@ -184,7 +184,8 @@ def _pair(
         J[:, 0, 1], J[:, 1, 0] = -1.0, -r[near]
         J[:, 0, 3] = -depth[near]
         J[:, :, FIXED + s] = np.einsum("mrk,mk->mr", axes, velocity[near])
-        J[:, :, 2] = -J[:, :, FIXED + s]
+        own_mps = sensor_m[near] - sightings.sensor_m(t_s[near] - x[2] - 1.0)  # in the second before
+        J[:, :, 2] = np.einsum("mrk,mk->mr", axes, own_mps) - J[:, :, FIXED + s]
         J[:, :, i] = np.einsum("mrk,mk->mr", axes, along[near])
         J[:, :, i + 1] = np.einsum("mrk,mk->mr", axes, across[near])
         J[:, :, half] = np.einsum("mrk,mk->mr", axes, end[near])

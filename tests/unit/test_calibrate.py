@@ -188,3 +188,35 @@ def test_what_is_no_calibration_is_named(text: str, told: str) -> None:
 def test_lags_of_another_kind_are_named() -> None:
     with pytest.raises(ConfigError, match=r"of \[score\] a calibration has truth_lag_s alone"):
         lags_of("[score]\nc_m = 3.0", name="c.toml")
+
+
+def test_a_radar_that_sails_was_elsewhere_by_its_latency() -> None:
+    """Polar coordinates count from where it was when it looked, not from where it is when it tells."""
+    ships, latency_s, velocity = ways(6, 0), 4.0, np.array([12.0, -5.0])
+    seen = sightings(ships, 0, azimuth_deg=0.0, range_m=0.0, latency_s=latency_s, lag_s={}, clutter=0, moored=0)
+    at = geo.polar_to_en(seen.range_m, seen.azimuth_rad) - np.outer(seen.t_s - latency_s, velocity)
+    range_m, azimuth_rad = geo.en_to_polar(at)
+    sails = replace(seen, range_m=range_m, azimuth_rad=azimuth_rad, pose_m=np.outer(seen.pose_s, velocity))
+    found, _ = fitted("radar", sails, ships, SPAN, lags=True)
+    assert (np.abs(errors(found, 0.0, 0.0, latency_s)) < [math.radians(0.2), 8.0, 1.0]).all(), found.value[:3]
+
+
+def test_no_offset_is_known_better_than_a_tenth_of_a_cell() -> None:
+    ships = ways(6, 0)
+    seen = sightings(ships, 0, azimuth_deg=1.0, range_m=10.0, latency_s=0.0, lag_s={})
+    coarse = replace(seen, cell_m=80.0, cell_rad=math.radians(3.0))
+    fine, found = (fitted("radar", one, ships, SPAN, lags=True)[0] for one in (seen, coarse))
+    assert found.cov[0, 0] - fine.cov[0, 0] == pytest.approx(math.radians(0.3) ** 2, rel=1e-6)
+    assert found.cov[1, 1] - fine.cov[1, 1] == pytest.approx(8.0**2, rel=1e-6)
+
+
+def test_a_lag_is_no_surer_than_where_on_a_long_ship_its_echo_lies() -> None:
+    """Not even of a ship that speeds up and slows down, by which a lag and a place ahead could be told apart."""
+    t_s = np.arange(-80.0, TURN_S * SCANS + 80, 2.0)
+    gone = 6.0 * t_s + 4.5 * 12.0 * np.sin(t_s / 12.0)
+    quick = Way("q", "Q", 300.0, 40.0, 75.0, t_s, np.stack([gone - 500.0, 900.0 + 0.1 * gone], axis=1), 30.0)
+    ships = [*ways(5, 1), quick]
+    seen = sightings(ships, 1, azimuth_deg=0.0, range_m=0.0, latency_s=0.0, lag_s={})
+    found, which = fitted("radar", seen, ships, SPAN, lags=True)
+    i = [way.id for way in which].index("q")
+    assert found.lag_sigma_s[i] > 75.0 / quick.speed_mps
