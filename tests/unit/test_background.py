@@ -16,6 +16,7 @@ from maritrack import geo
 from maritrack.detect.background import Background, judged, learn, mask_of, no_background, psi_of, rate_of, take_counts
 from maritrack.settings import SubtractConfig
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
+from tests import runs
 
 PAPER = SubtractConfig(method="abs")
 SIDE = 5  # pixels of the small region, along an axis
@@ -269,3 +270,50 @@ def test_pixels_are_named_by_their_place_wherever_that_is() -> None:
     centre = geo.pixel_centre(key, 25.0, (3.0, -4.0))
     assert (np.abs(at - centre)[:-1] <= 12.5 + 1e-9).all()
     assert (geo.pixel_key(centre, 25.0, (3.0, -4.0)) == key).all()
+
+
+def test_points_out_of_the_region_of_interest_are_not_learned() -> None:
+    rules = replace(PAPER, threshold=0)
+    near, far = np.array([[500.0, 0.0]]), np.array([[5000.0, 0.0]])
+    model = learn(no_background(), scan_at(), points_at(np.concatenate([near, far])), rules, roi_max_m=2000.0)
+    assert np.array_equal(model.key, geo.pixel_key(near, rules.pixel_m))
+
+
+def test_what_lies_under_a_spared_track_is_neither_learned_nor_forgotten() -> None:
+    rules, at = replace(PAPER, threshold=0, start="empty"), np.array([[500.0, 0.0], [900.0, 0.0]])
+    model = no_background()
+    for _ in range(10):
+        model = learn(model, scan_at(), points_at(at), rules)
+    ship = replace(runs.tracks(0, np.random.default_rng(0), 1), position_m=at[:1], velocity_mps=np.zeros((1, 2)))
+    key, spared = geo.pixel_key(at, rules.pixel_m), model
+    for _ in range(10):
+        spared = learn(spared, scan_at(), points_at(np.zeros((0, 2))), rules, spared=ship)
+    before, after = psi_of(model, key, rules)[:, 0], psi_of(spared, key, rules)[:, 0]
+    assert after[0] == pytest.approx(before[0], rel=1e-12) and after[1] > before[1] + 0.2
+
+
+def test_a_gap_in_the_recording_counts_as_half_a_half_life_at_most() -> None:
+    rules = replace(PAPER, half_life_s=60.0)
+    model = replace(no_background(), scans=1)
+    for gap_s, share in ((30.0, 0.5), (45.0, 0.5), (7200.0, 0.5), (6.0, 0.1)):
+        assert rate_of(model, scan_at(t_s=gap_s, turn_s=0.0), rules) == pytest.approx(0.5**share, rel=1e-12)
+
+
+def fed_with(history: FloatArray, scans: int) -> Background:
+    """The model after one more scan, of which the changes of the scans before it are known."""
+    model = replace(no_background(), scans=scans - 1, change=tuple(history.tolist()))
+    return feed(model, np.full(len(REGION), 9), PAPER)
+
+
+def test_a_change_that_grows_on_converges_at_ten_times_the_memory_and_not_before() -> None:
+    growing = np.linspace(0.03, 0.1, 19)  # a memory is 10 scans
+    assert not fed_with(growing, 99).converged
+    late = fed_with(growing, 100)
+    assert late.converged and not late.settled
+
+
+@pytest.mark.parametrize(("apart", "steady"), [(0.03, True), (0.045, True), (0.055, False), (0.08, False)])
+def test_a_change_is_steady_within_five_percent(apart: float, steady: bool) -> None:
+    last = fed_with(np.zeros(0), 1).change[0]
+    model = fed_with(np.repeat([last / (1 + apart), last], [10, 9]), 30)
+    assert model.converged == model.settled == steady

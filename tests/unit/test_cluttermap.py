@@ -80,3 +80,9 @@ def test_without_a_map_nothing_is_added() -> None:
     assert learn_map(None, clusters(np.zeros((1, 2))), np.ones(1), scan(0), ClutterMapConfig()) is None
     assert map_density(None, np.zeros((3, 2)), RULES).tolist() == [0.0, 0.0, 0.0]
     assert learn_map(None, clusters(np.zeros((0, 2))), np.ones(0), scan(0), RULES) is not None
+
+
+def test_a_map_with_a_long_memory_learns_though_little_a_scan() -> None:
+    buoy, rules = np.array([[40.0, 500.0]]), replace(RULES, memory_s=10_000.0)
+    clutter = learned(buoy, 40, rules)
+    assert clutter.rate == pytest.approx([1.0 - math.exp(-40 * TURN_S / rules.memory_s)], rel=1e-12)

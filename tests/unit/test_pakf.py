@@ -224,3 +224,15 @@ def test_a_hull_under_way_is_held_with_its_length_and_heading() -> None:
     assert_allclose(state.axes.p[0, 1:], [100.0, 16.0], rtol=0.05)
     assert abs((state.axes.p[0, 0] - 0.5 + np.pi / 2) % np.pi - np.pi / 2) < np.radians(3)
     assert_allclose(t.velocity_mps[0], 6.0 * heading, atol=0.5)
+
+
+def test_hits_count_by_steps_of_all_sensors_not_by_scans() -> None:
+    """Seen by the first of two radars in every other turn, three times in five: confirmed."""
+    tracker, state = TRACKERS["pakf-jpda"](CONFIG), None
+    for k, mark in enumerate("10101"):
+        for sensor in ("a", "b"):
+            at = np.array([[300.0, 0.0]]) if mark == "1" and sensor == "a" else np.zeros((0, 2))
+            scan, points = scan_of(at, float(k), sensor=sensor)
+            clusters = cluster_points(points, scan, CONFIG.cluster, CONFIG.input)
+            state, _ = tracker.update(tracker.init() if state is None else state, scan, points, clusters)
+    assert state is not None and state.tracks.confirmed.tolist() == [True]

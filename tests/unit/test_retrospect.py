@@ -17,7 +17,7 @@ from maritrack.objects.giw import Giw
 from maritrack.retrospect import History
 from maritrack.settings import Config
 from maritrack.tracksettings import ModelConfig, SmoothConfig
-from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Clusters, Tracks
+from maritrack.types import COASTED, CONFIRMED, STATIONARY, TENTATIVE, Clusters, Tracks
 from tests import runs
 
 EXACT = 1e-9
@@ -319,3 +319,16 @@ def test_nothing_comes_of_nothing() -> None:
     for history in (retrospect.gather([]), retrospect.gather([(0, retrospect.gather([]).tracks)])):
         assert len(retrospect.hindsight(history, CONFIG)) == 0
         assert retrospect.hindsight(history, CONFIG).by_scan() == {}
+
+
+def test_what_the_background_held_is_stationary_also_in_hindsight() -> None:
+    history = straight(5.0, hits=15)
+    status = np.where(np.arange(15) == 7, STATIONARY, history.tracks.status)
+    offline = retrospect.hindsight(replace(history, tracks=replace(history.tracks, status=status)), CONFIG)
+    assert np.flatnonzero(offline.tracks.status == STATIONARY).tolist() == [7]
+
+
+def test_what_goes_slower_than_asked_for_does_not_move_however_far_it_comes() -> None:
+    far = replace(CONFIG, smooth=replace(CONFIG.smooth, moving_displacement_m=5.0, moving_lengths=0.0))
+    assert not retrospect.hindsight(straight(0.9), far).tracks.moving.any()
+    assert retrospect.hindsight(straight(1.2), far).tracks.moving.all()

@@ -1,0 +1,83 @@
+"""What trackers with a list of tracks share: clutter with its map, and what the background covers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from maritrack import geo
+from maritrack.objects.giw import Giw
+from maritrack.trackers import steps, tracklist
+from maritrack.trackers.cluttermap import map_density
+from maritrack.tracksettings import ClutterMapConfig
+from maritrack.types import Clusters, Mask
+from tests.unit.scans import clusters_of, plain_config, scan_of
+from tests.unit.test_tracklist import tracks
+
+PLACES = np.array([[100.0, 900.0], [2000.0, -400.0]])
+CONFIG = replace(
+    plain_config("jipda"),
+    clutter_map=ClutterMapConfig(method="cells", least_rate=0.0, counts="not-moving", memory_s=5.0),
+)
+
+
+def seen() -> Clusters:
+    """One cluster in each place."""
+    clusters = clusters_of(CONFIG, PLACES, 1.0)
+    assert len(clusters) == 2
+    return clusters
+
+
+def test_the_map_adds_to_the_clutter_density_of_its_sensor() -> None:
+    clusters, (scan, _) = seen(), scan_of(PLACES, 1.0)
+    scan = replace(scan, t_start_ns=0)
+    learned = steps.with_clutter(tracklist.empty(), clusters, np.ones(2), scan, CONFIG)
+    added = map_density(learned.clutter_map[scan.sensor.id], clusters.mean_m, CONFIG.clutter_map)
+    fixed = CONFIG.model.clutter_density_per_m2
+    assert (added > fixed).all()
+    assert_allclose(steps.clutter_density(learned, clusters, scan, CONFIG), fixed + added)
+    other, _ = scan_of(PLACES, 1.0, sensor="q")
+    assert_allclose(steps.clutter_density(learned, clusters, other, CONFIG), fixed)
+
+
+def test_clusters_of_tracks_that_move_are_no_clutter_those_of_others_are() -> None:
+    clusters, (scan, _) = seen(), scan_of(PLACES, 1.0)
+    scan = replace(scan, t_start_ns=0)
+    held = tracks(2, cluster=np.array([0, 1]), moving=np.array([True, False]))
+    learned = steps.with_clutter(held, clusters, np.zeros(2), scan, CONFIG)
+    added = map_density(learned.clutter_map[scan.sensor.id], clusters.mean_m, CONFIG.clutter_map)
+    assert added[0] == 0.0 and added[1] > 0.0
+
+
+def test_none_is_covered_that_is_confirmed_and_moves_where_such_are_spared() -> None:
+    config = plain_config("jipda", "subtract.method=abs", "subtract.spare=moving")
+    here = Mask(geo.pixel_key(np.zeros((1, 2)), 100.0, (-50.0, -50.0)), 100.0, (-50.0, -50.0))
+    scan = replace(scan_of(PLACES, 1.0)[0], covered=here)
+    four = tracks(4, confirmed=np.array([True, True, False, False]), moving=np.array([True, False, True, False]))
+    assert steps.covered(four, scan, config).tolist() == [0.0, 1.0, 1.0, 1.0]
+    unspared = replace(config, subtract=replace(config.subtract, spare="none"))
+    assert steps.covered(four, scan, unspared).tolist() == [1.0] * 4
+
+
+@pytest.mark.parametrize(("pixel_m", "share"), [(80.0, 0.2), (120.0, 1.0), (240.0, 1.0)])
+def test_covered_are_the_centre_and_the_middles_of_the_semi_axes(pixel_m: float, share: float) -> None:
+    """Of semi-axes of 100 m the middles lie at 50 m: in a pixel of 120 m, not in one of 80 m."""
+    corner = (-pixel_m / 2, -pixel_m / 2)
+    mask = Mask(geo.pixel_key(np.zeros((1, 2)), pixel_m, corner), pixel_m, corner)
+    one = tracks(1)
+    one = replace(one, density=replace(one.density, X=100.0**2 * np.eye(2)[None]))
+    assert_allclose(tracklist.covered_share(one, mask), share)
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.4, False), (0.6, True), (1.0, True)])
+def test_a_track_is_held_that_is_covered_by_half(share: float, held: bool) -> None:
+    rules = replace(CONFIG.tracker, stationary_s=60.0)
+    before = tracks(1, confirmed=np.ones(1, bool))
+    after = replace(before, t_ns=before.t_ns + 10**9, misses=before.misses + 1)
+    mask = Mask(np.zeros(0, np.int64), 100.0)
+    found = tracklist.hold_covered(after, before, np.zeros(1, bool), np.array([share]), mask, rules)
+    assert (found.held_s[0] > 0) == held and found.misses[0] == (0 if held else 1)
+    assert isinstance(found.density, Giw)
