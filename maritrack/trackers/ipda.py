@@ -37,6 +37,7 @@ class Ipda:
         nearest by the cost of `steps.gate_cost`.
         """
         config, model = self.config, self.config.model
+        state = steps.still_known(state, scan, config)
         sight = steps.look(state, scan, points, clusters, config)
         sight = steps.keep(sight, sight.p_detect[sight.pairs.i] > 0.0)
         sight = steps.keep(sight, nearest_track(sight.pairs.i, sight.pairs.j, steps.gate_cost(sight, config)))

@@ -38,6 +38,7 @@ class Jipda:
         leaves each track its best ones.
         """
         config, model = self.config, self.config.model
+        state = steps.still_known(state, scan, config)
         sight = steps.look(state, scan, points, clusters, config)
         r, pairs, n = sight.tracks.existence, sight.pairs, len(sight.tracks)
         log_w = steps.log_weights(sight, clusters, scan, points, sight.p_detect * r, config)

@@ -55,6 +55,7 @@ class Phd:
         in the next scan, so that no cluster counts twice.
         """
         config = self.config
+        state = steps.still_known(state, scan, config)
         sight = look(state, scan, points, clusters, config)
         log_wl = steps.log_weights(
             sight, clusters, scan, points, sight.p_detect * sight.tracks.existence, config
@@ -63,7 +64,7 @@ class Phd:
         log_w0 = missed_weights(sight, config.model.p_gate)
         mixture, parent = hypotheses(sight, clusters, log_w, log_w0, scan.sensor.id, config)
         eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
-        mixture, kept = reduce_mixture(mixture, (scan.t_ns + scan.t_start_ns) // 2, eps_m, config)
+        mixture, kept = reduce_mixture(mixture, steps.middle_ns(scan), eps_m, config)
         moved_s = tracklist.seconds(sight.tracks.t_ns - state.t_ns)[parent[kept]]
         mixture = tracklist.follow(mixture, moved_s, config.tracker)
         mixture, left_out = give_birth(relabel(mixture, config.phd), scan, points, clusters, unexplained, config)

@@ -38,6 +38,7 @@ class Sprt:
         """Predict every track, assign at most one cluster to it, update, count, start and end tracks."""
         config = with_limits_of_the_test(self.config)
         model, rules = config.model, config.sprt
+        state = steps.still_known(state, scan, config)
         sight = steps.look(state, scan, points, clusters, config)
         sight = steps.keep(sight, sight.p_detect[sight.pairs.i] > 0.0)
         cost = steps.gate_cost(sight, config)

@@ -59,6 +59,21 @@ class Outcome:
     n_inexact: int = 0
 
 
+def still_known(state: TrackList, scan: Scan, config: Config) -> TrackList:
+    """The tracks whose place is known well enough to look for them in this scan; the others end before it.
+
+    Combined pruning by kinematic uncertainty (polar, sec. II), on the predicted state: after the update one hit
+    has made it small again.
+    """
+    known = tracklist.known(state, middle_ns(scan), config)
+    return state if known.all() else tracklist.select(state, known)
+
+
+def middle_ns(scan: Scan) -> int:
+    """The time in the middle of a scan."""
+    return (scan.t_ns + scan.t_start_ns) // 2
+
+
 def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, config: Config) -> Sight:
     """Predict every track to the beam's time and pair it with the clusters in its gate.
 
@@ -93,8 +108,7 @@ def predict(state: TrackList, scan: Scan, points: Points, config: Config) -> tup
 
     A scan that is older than a track doesn't move it.
     """
-    middle_ns = (scan.t_ns + scan.t_start_ns) // 2
-    ahead = np.maximum(tracklist.seconds(middle_ns - state.t_ns), 0.0)
+    ahead = np.maximum(tracklist.seconds(middle_ns(scan) - state.t_ns), 0.0)
     rough = state.density.x[:, :2] + ahead[:, None] * state.density.x[:, 2:]
     t_ns = tracklist.beam_time(scan, points, rough)
     dt = tracklist.seconds(t_ns - state.t_ns)

@@ -223,6 +223,19 @@ def _rows(clusters: Clusters, index: IntArray) -> dict[str, np.ndarray]:
     return {name: getattr(clusters, name)[index] for name in names} | {"label": np.zeros(0, np.int64)}
 
 
+def known(tracks: TrackList, t_ns: int, config: Config) -> BoolArray:
+    """Tracks (t,) whose place will still be known to `tracker.delete_sigma_m` at an instant, when nothing was seen.
+
+    After a gap the others would take anything in a gate of kilometres for themselves, and be certain again. Far
+    away a new track is less certain than that by its one cluster: for it the time since may add as much.
+    """
+    dt_s, limit2 = np.maximum(seconds(t_ns - tracks.t_ns), 0.0), config.tracker.delete_sigma_m**2
+    P = giw.predicted_centroid(tracks.density, np.arange(len(tracks)), dt_s)
+    sigma2 = np.maximum(P[:, 0, 0], P[:, 1, 1]) + config.model.accel_psd_m2ps3 * dt_s**3 / 3
+    now2 = np.maximum(tracks.density.P[:, 0, 0], tracks.density.P[:, 1, 1])
+    return np.asarray(sigma2 <= limit2 + np.where(now2 > limit2, now2, 0.0))
+
+
 def manage(tracks: TrackList, config: Config) -> TrackList:
     """Confirm, end and unite tracks.
 

@@ -122,6 +122,24 @@ def test_without_patience_the_same_gap_ends_the_track(name: str) -> None:
     assert ids[39] == 0 and ids[-1] not in (0, ids[29])
 
 
+@pytest.mark.parametrize("name", [*LIST_TRACKERS, "cb-giw-phd", "pakf-jpda"])
+@pytest.mark.parametrize("preset", ["polar", "radar"])
+def test_after_ten_minutes_of_silence_a_cluster_far_away_starts_a_track_of_its_own(name: str, preset: str) -> None:
+    """The one before, whose gate is kilometres wide by then, does not jump to it."""
+    ship, rng = Ship((0.0, 3000.0), (4.0, 0.0), 80.0, 16.0), np.random.default_rng(1)
+    chain = build_chain(
+        load_config(preset=preset, sets=[f"tracker_name={name}", "subtract.method=none", "clutter_map.method=none"])
+    )
+    state, silence = chain.init(), round(600.0 / TURN_S)
+    for k in [*range(12), *range(12 + silence, 16 + silence)]:
+        z = ship.echoes(min(k, 12), rng) + np.array([3000.0 * (k >= 12), 0.0])
+        state, result = process(chain, state, Frame(k, scan_of_cells(z, k)))
+        if k == 11:
+            before = set(result.tracks.id[result.tracks.status >= CONFIRMED].tolist())
+    assert before and len(result.tracks)
+    assert before.isdisjoint(result.tracks.id.tolist())
+
+
 @each_tracker
 @each_seed
 def test_two_vessels_that_cross_at_sixty_metres_keep_their_ids(name: str, seed: int) -> None:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from maritrack import geo
 from maritrack.chain import build_chain, process
 from maritrack.detect.cells import empty_points
+from maritrack.objects import giw
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
 from maritrack.trackers import tracklist
@@ -146,6 +147,25 @@ def test_each_limit_ends_a_track_just_beyond_it_and_not_just_within() -> None:
     x = pair.density.x.copy()
     x[:, 2:] = [[20.9, 20.9], [21.4, 21.4]]  # 29.6 and 30.3 m/s
     assert tracklist.manage(replace(pair, density=replace(pair.density, x=x)), config).id.tolist() == [1]
+
+
+def test_a_place_is_known_as_long_as_the_predicted_covariance_says() -> None:
+    """Rows: moments at which the larger of the two variances, that of north, is just within and just beyond."""
+    config = Config(tracker=replace(RULES, delete_sigma_m=200.0))
+    P = np.diag([1.0, 4.0, 9.0, 16.0])
+    P[1, 3] = P[3, 1] = 5.0
+    d = replace(tracks(1).density, P=P[None])
+    dt_s = np.arange(0.0, 100.0, 0.5)
+    sigma_m = np.array([np.sqrt(giw.predict(d, np.array([dt]), config.model).P[0, 1, 1]) for dt in dt_s])
+    got = [bool(tracklist.known(tracks(1, density=d), round(dt * 1e9), config)[0]) for dt in dt_s]
+    assert got == (sigma_m <= 200.0).tolist() and 0 < sum(got) < len(got)
+    assert tracklist.known(tracks(1, density=d), -(10**12), config).all()  # a clock that stepped back
+
+
+def test_a_new_track_far_away_may_be_looked_for_after_a_turn_but_not_after_a_gap() -> None:
+    config = Config(tracker=replace(RULES, delete_sigma_m=200.0))
+    far = tracks(1, density=replace(tracks(1).density, P=np.diag([250.0**2, 10.0, 100.0, 100.0])[None]))
+    assert [bool(tracklist.known(far, t * 10**9, config)[0]) for t in (0, 3, 19, 21)] == [True, True, True, False]
 
 
 def test_what_is_new_in_the_hull_of_a_confirmed_track_is_a_part_of_it() -> None:
