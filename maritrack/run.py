@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-import numpy as np
-
 from maritrack.chain import Chain, ChainState, process
 from maritrack.io.reference import Reference, truth_at
 from maritrack.metrics.scores import ScoreSums, add, hold, means, summary_objects
@@ -174,17 +172,17 @@ def interruptions() -> Iterator[Callable[[], bool]]:
 
 
 def with_truth(frames: Iterable[Frame], reference: Reference | None, chain: Chain) -> Iterator[Frame]:
-    """The frames with what is known to be true at their times, within the radar's range."""
+    """The frames with what is known to be true at their times, within the radar's range and the region of interest."""
     if reference is None:
         yield from frames
         return
-    score = chain.config.score
+    score, of_interest = chain.config.score, chain.config.input
     lags = parse_lags(score.truth_lag_s)
     for frame in frames:
         scan = frame.scan
-        reach = score.truth_max_m or min(scan.sensor.max_range_m, np.inf)
+        reach = min(score.truth_max_m or scan.sensor.max_range_m, of_interest.roi_max_m)
         truth = truth_at(
-            reference, scan.t_ns, centre_m=scan.position_m, max_range_m=reach,
+            reference, scan.t_ns, centre_m=scan.position_m, min_range_m=of_interest.roi_min_m, max_range_m=reach,
             max_gap_moving_s=score.max_gap_moving_s, max_gap_rest_s=score.max_gap_rest_s, lag_s=lags,
         )  # fmt: skip
         yield replace(frame, truth=truth)

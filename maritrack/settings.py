@@ -174,7 +174,7 @@ class ScoreConfig:
     moving_only: bool = False
     max_gap_moving_s: float = 30.0  # truth is interpolated over gaps up to this under way ...
     max_gap_rest_s: float = 360.0  # ... and this at rest
-    truth_max_m: float = 0.0  # truth counts up to this range; 0 = that of the radar
+    truth_max_m: float = 0.0  # truth counts up to this range, in the region of interest; 0 = the radar's
     truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
     box_margin_m: float = 0.0  # boxes of vessels are wider by this all around, for fpr and npv
 

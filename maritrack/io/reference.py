@@ -110,12 +110,13 @@ def truth_at(
     t_ns: int,
     *,
     centre_m: FloatArray | None = None,
+    min_range_m: float = 0.0,
     max_range_m: float = math.inf,
     max_gap_moving_s: float = 30.0,
     max_gap_rest_s: float = 360.0,
     lag_s: Mapping[str, float] | None = None,
 ) -> Truth:
-    """The ships whose place at an instant is known, within `max_range_m` of `centre_m` (2,).
+    """The ships whose place at an instant is known, from `min_range_m` to `max_range_m` from `centre_m` (2,).
 
     Positions are linear between two reports that are no farther apart in time than `max_gap_moving_s`,
     or `max_gap_rest_s` for a ship at rest (`REST_M`, `REST_MPS`); never before the first nor after the
@@ -136,7 +137,8 @@ def truth_at(
     position = reference.position_m[here] + since_s[:, None] * np.where(bridged[:, None], slope, 0.0)
     known = bridged | exact
     if centre_m is not None:
-        known &= np.hypot(*(position - centre_m).T) <= max_range_m
+        range_m = np.hypot(*(position - centre_m).T)
+        known &= (range_m >= min_range_m) & (range_m <= max_range_m)
     share = np.clip((ask - reference.t_ns[a]) / np.maximum(reference.t_ns[b] - reference.t_ns[a], 1), 0.0, 1.0)
     velocity = _velocity(reference, a, b, share=share, slope=np.where(bridged[:, None], slope, np.nan))
     heading = _heading(reference.heading_rad[a], reference.heading_rad[b], share=share)

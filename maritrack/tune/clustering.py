@@ -172,8 +172,10 @@ def labelled_scans(
     side = side_documents([of.path], truth=of.truth, own_ship=of.own_ship, sensors=None, no_truth=of.truth is None)
     whole = replace(config, input=replace(config.input, from_s=0.0, to_s=np.inf, limit=0))  # turns count from the first
     recording = open_recording(octets, kinds, side, whole)
-    chain = build_chain(config)
-    frames = with_truth(recording.frames, recording.reference, chain)
+    everywhere = replace(
+        config, input=replace(config.input, roi_min_m=0.0, roi_max_m=np.inf)
+    )  # hulls on the border too
+    frames = with_truth(recording.frames, recording.reference, build_chain(everywhere))
     settings = config.input
     labelling: Labelling = HullLabels(
         margin_m=margin_m, radius_m=radius_m, beam_rad=float(np.radians(settings.beam_width_deg)),

@@ -45,6 +45,17 @@ def test_a_setting_that_changes_truth_without_effect_changes_no_number(finished_
     assert document["score"]["truth_max_m"] == 1e6 and document["metrics"] == summary["metrics"]
 
 
+@pytest.mark.parametrize("reach", [(), ("--set", "score.truth_max_m=20000")])
+def test_only_ships_in_the_region_of_interest_count(sample: Path, tmp_path: Path, reach: tuple[str, ...]) -> None:
+    """Of the harbour the ferry is nearer than 1 km, yacht, coaster, container and tug are beyond 2.1 km."""
+    region = ("--set", "input.roi_min_m=1000", "--set", "input.roi_max_m=2100", *reach)
+    done = call("process", sample, "--limit", "4", *region, "-o", tmp_path / "run", "--no-rrd", "--json", "-q").json
+    inside = ["boat-1", "boat-2", "buoy-1", "buoy-2", "trawler"]
+    assert sorted(row["id"] for row in done["objects"]) == inside and done["metrics"]["n_truth"] == 5.0
+    again = call("score", tmp_path / "run", "--truth", sample.with_name("harbour.truth.json"), "--json").json
+    assert again["metrics"] == done["metrics"] and again["objects"] == done["objects"]
+
+
 def test_other_settings_equal_a_replay_with_them(finished_run: Path, tmp_path: Path) -> None:
     sets = ("--set", "score.c_m=40", "--set", "score.hold_m=30")
     scored = call("score", finished_run, *sets, "--json").json

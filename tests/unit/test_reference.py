@@ -151,6 +151,12 @@ def test_truth_counts_within_range_of_the_sensor_only():
     assert truth.length_m.tolist() == [11.0]
 
 
+def test_truth_on_both_borders_of_the_ranges_counts_and_beyond_them_does_not():
+    ref = reference([(f"{r:03.0f}", 0.0, 0.0, r) for r in (99.0, 100.0, 300.0, 301.0)])
+    truth = truth_at(ref, 0, centre_m=np.zeros(2), min_range_m=100.0, max_range_m=300.0)
+    assert truth.id == ("100", "300")
+
+
 def test_a_jump_that_no_ship_makes_is_not_bridged():
     rows = [("a", 0.0, 0.0, 0.0), ("a", 10.0, 5000.0, 0.0)]
     assert len(truth_at(reference(rows, complete=False), 5 * S)) == 0

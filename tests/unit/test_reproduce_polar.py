@@ -200,6 +200,18 @@ def test_a_small_report_is_whole_and_the_same_for_any_number_of_workers(
     assert {path.suffix for path in one.figures.values()} == {".png", ".rrd"} and not two.figures
 
 
+def test_truth_outside_of_the_region_of_interest_does_not_count(small_recording: Path) -> None:
+    config = config_of(SMALL, "polar", "sprt")
+    least, most = 22_000.0, 26_000.0
+    region = replace(config, input=replace(config.input, roi_min_m=least, roi_max_m=most))
+    every, some = (list(frames_of(small_recording, c)) for c in (config, region))
+    for a, b in zip(every, some, strict=True):
+        assert a.truth is not None and b.truth is not None
+        r = np.hypot(*(a.truth.position_m - a.scan.position_m).T)
+        assert (r < least).any() and (r > most).any()
+        assert b.truth.id == tuple(np.array(a.truth.id)[(r >= least) & (r <= most)])
+
+
 def test_quick_and_full_runs_make_the_same_statements() -> None:
     pairs = dict.fromkeys(DOMAINS, (75.0, 2))
     quick, full = (polar.cases_of(Plan(quick=quick), pairs) for quick in (True, False))
