@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from maritrack.cluster.dbscan import (
     Pairs,
@@ -18,6 +16,7 @@ from maritrack.cluster.dbscan import (
     crowded,
     dbscan,
     dense,
+    joined,
     near_pairs,
     nearest_last,
     on_cylinder,
@@ -77,20 +76,9 @@ def _labels(xy_m: FloatArray, pairs: Pairs, level: IntArray, core_from: IntArray
     label = np.empty((n_eps, len(xy_m)), np.int64)
     for i in range(n_eps):
         new = order[bounds[i] : bounds[i + 1]]
-        component = _joined(component, pairs.a[new], pairs.b[new])
+        component = joined(component, pairs.a[new], pairs.b[new])
         now = (begins <= i) & (core_from[border] > i)
         label[i] = np.where(core_from <= i, component, -1)
         label[i, border[now]] = component[owner[now]]  # the last to write is the nearest
         label[i] = dense(label[i])
     return label
-
-
-def _joined(component: IntArray, a: IntArray, b: IntArray) -> IntArray:
-    """Components (n,) once the points a and b of each pair are in one; numbered by their first points, as before."""
-    ends = component[a], component[b]
-    apart = ends[0] != ends[1]
-    if not apart.any():
-        return component
-    n = len(component)
-    graph = coo_matrix((np.ones(int(apart.sum()), bool), (ends[0][apart], ends[1][apart])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1][component], dtype=np.int64)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from maritrack.cluster import dbscan as module
 from maritrack.cluster.dbscan import dbscan
@@ -68,6 +71,48 @@ def test_a_crowd_beyond_the_limit_of_pairs_is_gathered_and_still_one_cluster(mon
     label = dbscan(crowd, eps_m=20.0, min_points=3)
     assert partition(label) == {frozenset(range(300)), frozenset(range(300, 600))}
     assert label[600] == -1
+
+
+def test_gathering_neither_unites_nor_parts_what_is_clearly_apart_or_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two crowds of 300 equal points, 15 % farther apart than eps and 15 % nearer, anywhere on the grid."""
+    monkeypatch.setattr(module, "MAX_PAIRS", 1000)
+    for shift in np.linspace(0.0, 20.0, 33):
+        for away, found in ((23.0, 2), (17.0, 1)):
+            crowds = np.repeat([[shift, 0.0], [shift + away, 0.0]], 300, axis=0)
+            assert len(partition(dbscan(crowds, eps_m=20.0, min_points=3))) == found
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(
+    seed=st.integers(0, 10_000),
+    step_m=st.sampled_from([0.0, 7.5]),
+    least=st.sampled_from([2, 9, 14]),
+    period_m=st.sampled_from([0.0, 300.0]),
+)
+def test_labels_are_the_same_whatever_share_of_the_pairs_is_held(
+    seed: int, step_m: float, least: int, period_m: float
+) -> None:
+    xy = np.random.default_rng(seed).uniform(0, 300, (400, 2))
+    xy = np.round(xy / step_m) * step_m if step_m else xy
+    expected = dbscan(xy, eps_m=30.0, min_points=least, period_m=period_m)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "MAX_PAIRS", 200)
+        assert module.crowded(module.tree_of(module.on_cylinder(xy, period_m), period_m), 30.0)
+        assert_array_equal(dbscan(xy, eps_m=30.0, min_points=least, period_m=period_m), expected)
+
+
+def test_a_filled_block_of_cells_takes_memory_for_a_bounded_number_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """10,000 cells of 7.5 m with 160 neighbours each, less than what is gathered: 800,000 pairs, 12.8 MB of numbers."""
+    monkeypatch.setattr(module, "MAX_PAIRS", 40_000)
+    xy = 7.5 * np.stack(np.divmod(np.arange(10_000.0), 100.0), axis=1)
+    tracemalloc.start()
+    try:
+        label = dbscan(xy, eps_m=55.0, min_points=3)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert not label.any()
+    assert peak < 5e6
 
 
 def test_fifty_thousand_equal_points_stay_within_memory() -> None:
