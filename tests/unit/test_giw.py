@@ -121,6 +121,18 @@ def test_predictive_shape_ratio_tends_to_the_plugin_as_both_extents_become_certa
     assert_allclose(ours, limit - other, rtol=1e-4)
 
 
+def test_the_shapes_of_clutter_vary_as_much_as_those_of_a_new_track() -> None:
+    """The same spread and 4 degrees of freedom: no cluster tells them apart."""
+    rng = np.random.default_rng(8)
+    d = replace(objects(rng, 1, extent=True), alpha=np.array([4.0]))
+    z = clusters(np.zeros((1, 2)), spd(rng, 1, 2, 5.0), 9, spd(rng, 1, 2, 2000.0))
+    pairs = all_pairs(d, z, EXTENDED)
+    for alpha, equal in ((4.0, True), (8.0, False)):
+        ratio = giw.log_shape_ratio(replace(d, alpha=np.array([alpha])), z, pairs, pairs.Y, EXTENDED)
+        assert np.isclose(ratio[0], 0.0, atol=1e-9) == equal
+    assert EXTENDED.alpha_birth == 4.0
+
+
 @pytest.mark.parametrize("shape", ["plugin", "predictive"])
 def test_shape_ratio_is_finite_for_points_on_one_line_and_zero_for_one_point(shape: str) -> None:
     rng = np.random.default_rng(7)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from maritrack.associate import joint_marginals
 from maritrack.associate.marginals import log_missed_weight
-from maritrack.trackers import steps
+from maritrack.trackers import steps, tracklist
 from maritrack.trackers.ipda import integrated_pda
 from maritrack.trackers.tracklist import TrackList
 from tests.unit.scans import clusters_of, plain_config, scan_of, step
@@ -138,6 +138,19 @@ def test_a_limit_of_pairs_keeps_the_cheapest_clusters_of_each_track(name: str) -
         assert len(some.dt_s) == len(kept) == len(some.pairs.nu)
     nothing_else = step(plain_config(name, "tracker.pairs_per_track=9"), state, z, 3.0)
     assert_allclose(nothing_else.density.x, step(config, state, z, 3.0).density.x, rtol=1e-12)
+
+
+def test_a_track_starts_where_more_than_half_of_a_cluster_is_unexplained() -> None:
+    z, none = np.array([[0.0, 300.0], [0.0, 900.0], [0.0, 1500.0]]), np.zeros(0)
+    scan, points = scan_of(z, 0.0)
+    clusters, state = clusters_of(CONFIG, z, 0.0), tracklist.empty()
+    sight = steps.look(state, scan, points, clusters, CONFIG)
+    outcome = steps.Outcome(
+        density=state.density, existence=none, hit=none.astype(bool), cluster=none.astype(np.int64),
+        unexplained=np.array([0.49, 0.51, 1.0]),
+    )  # fmt: skip
+    after, _ = steps.carry_on(state, sight, outcome, scan, points, clusters, CONFIG)
+    assert_allclose(after.density.x[:, 1], [900.0, 1500.0])
 
 
 def test_the_cost_of_a_pair_is_minus_twice_its_log_density_with_the_full_extent() -> None:

@@ -270,6 +270,13 @@ def test_new_components_take_the_room_of_lighter_ones_and_no_more() -> None:
     assert_allclose(after.existence, [0.9, 0.05, 0.05])
 
 
+def test_a_component_starts_where_more_than_half_of_a_cluster_is_unexplained() -> None:
+    scan, points = scan_of(np.array([[0.0, 300.0], [0.0, 900.0], [0.0, 1500.0]]), 0.0)
+    clusters = clusters_of(CONFIG, points.position_m, 0.0)
+    after, _ = phd.give_birth(tracklist.empty(), scan, points, clusters, np.array([0.49, 0.51, 1.0]), CONFIG)
+    assert_allclose(after.density.x[:, 1], [900.0, 1500.0])
+
+
 def test_pruning_leaves_out_what_is_light() -> None:
     config = plain_config(NAME, "phd.p_survive_scan=1.0", "phd.prune_weight=0.01")
     state = step(config, components([1.0, 0.04], [1, 2], [300.0, 900.0]), np.zeros((0, 2)), 1.0)

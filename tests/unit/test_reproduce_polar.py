@@ -11,6 +11,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from maritrack.chain import build_chain, process
+from maritrack.metrics.scores import ScoreSums
+from maritrack.metrics.trajectories import trajectories, truth_states
 from maritrack.reproduce import polar, polar_runs
 from maritrack.reproduce.claims import Claim, Plan
 from maritrack.reproduce.polar_claims import (
@@ -39,6 +41,7 @@ from maritrack.reproduce.polar_runs import (
 )  # fmt: skip
 from maritrack.simulate.record import simulate
 from maritrack.simulate.scenery import Land
+from maritrack.types import CONFIRMED, Tracks, Truth
 
 VARIANTS = (*STEADY, FINE, COARSE, OWN_PAIR)
 
@@ -105,6 +108,40 @@ def test_a_tracker_that_switches_seldom_because_it_holds_nothing_fails() -> None
 def test_few_cartesian_switches_are_too_few_even_beside_none() -> None:
     few = {**PAPER, ("far", "cartesian", "jipda"): 14.0, ("far", "polar", "jipda"): 0.0}
     assert by_name(claims_of(runs_of(few)), "far field, jipda:") == [False]
+
+
+def test_the_paper_s_table_of_switching_costs() -> None:
+    """Polar, Table I: SPRT, IPDA, JIPDA, CB-GIW-PHD."""
+    rows = {key: [PAPER[(*key, t)] for t in ("sprt", "ipda", "jipda", "cb-giw-phd")] for key in
+            [("near", "cartesian"), ("near", "polar"), ("far", "cartesian"), ("far", "polar")]}  # fmt: skip
+    near = [9.0, 5.5, 9.0, 3.5]
+    assert list(rows.values()) == [near, near, [141.0, 17.0, 23.0, 175.0], [5.0, 3.5, 4.0, 3.0]]
+
+
+def test_far_away_polar_clusters_may_switch_a_third_as_often_and_no_more() -> None:
+    for polar_switches, holds in ((10.0, True), (11.0, False)):
+        table = {**PAPER, ("far", "cartesian", "ipda"): 30.0, ("far", "polar", "ipda"): polar_switches}
+        assert by_name(claims_of(runs_of(table)), "far field, ipda:") == [holds]
+
+
+def test_a_switch_that_spares_three_metres_is_counted_at_one_metre_and_not_at_twenty() -> None:
+    """Two tracks that change places: each is exact in the scans in which the other is 1.5 m off."""
+    config, tally = config_of(SMALL, "polar", "sprt"), polar_runs.Tally(ScoreSums())
+    unknown, yes = np.full(1, np.nan), np.ones(1, bool)
+    objects = []
+    for k in range(8):
+        truth = Truth(("a",), ("",), k, np.zeros((1, 2)), np.zeros((1, 2)), unknown, unknown, unknown)
+        east_m = np.array([0.0, 1.5]) if k < 4 else np.array([1.5, 0.0])
+        tracks = Tracks(
+            np.array([1, 2]), np.full(2, k), np.stack([east_m, np.zeros(2)], axis=-1), np.zeros((2, 2)),
+            np.zeros((2, 4, 4)), np.zeros((2, 2, 2)), np.ones(2), np.full(2, CONFIRMED), np.ones(2, bool),
+            np.zeros(2, np.int64),
+        )  # fmt: skip
+        objects.append(truth_states(truth))
+        both = np.ones(2, bool)
+        tally = polar_runs.tallied(tally, truth, tracks, covered=yes, which=both, config=config, seen=1, clusters=2)
+    run = polar_runs.finish(SMALL, ("polar", "sprt"), tally, trajectories(objects), config)
+    assert (run.switches, run.switches_strict, run.id_changes) == (1.0, 0.0, 0)
 
 
 def test_gains_over_sprt_are_judged_both_ways() -> None:
@@ -198,6 +235,24 @@ def test_a_small_report_is_whole_and_the_same_for_any_number_of_workers(
     for name, path in one.figures.items():
         assert path.stat().st_size > 10_000, name
     assert {path.suffix for path in one.figures.values()} == {".png", ".rrd"} and not two.figures
+
+
+@pytest.mark.parametrize(("gap_m", "out"), [(-100.0, 1), (50.0, 1), (150.0, 0)])
+def test_what_is_within_a_hundred_metres_of_a_shore_does_not_count(
+    small_recording: Path, gap_m: float, out: int
+) -> None:
+    """A rock of 50 m beside one vessel: around it, 50 m and 150 m east of it."""
+    (frame, *_) = frames_of(small_recording, config_of(SMALL, "polar", "sprt"))
+    assert frame.truth is not None
+    (east, north), edge = frame.truth.position_m[0], 50.0
+    west = east + gap_m
+    corners = ((west, north - edge), (west + 2 * edge, north - edge), (west + 2 * edge, north + edge),
+               (west, north + edge))  # fmt: skip
+    rock = Land(name="rock", rcs_m2_per_m=1.0, reach_m=1.0, outline_m=corners)
+    others_m = np.hypot(*(frame.truth.position_m[1:] - frame.truth.position_m[0]).T)
+    assert others_m.min() > 500.0
+    runs = run_frames(SMALL, replace(scene_of(SMALL), land=(rock,)), iter([frame]))
+    assert {run.objects for run in runs} == {len(frame.truth.id) - out}
 
 
 def test_truth_outside_of_the_region_of_interest_does_not_count(small_recording: Path) -> None:

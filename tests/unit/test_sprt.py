@@ -62,6 +62,19 @@ def test_the_false_alarm_of_a_gate_is_that_of_its_clutter() -> None:
     assert_allclose(p, full.mean(), atol=4 * math.sqrt(p * (1 - p) / n))
 
 
+def test_the_gate_of_a_hull_has_room_for_a_centre_anywhere_on_it() -> None:
+    """A = pi 9.21 sqrt|P + X / 4|."""
+    config = plain_config("sprt", "sprt.p_false_alarm=0.0", "model.clutter_density_per_m2=2e-5")
+    scan, points = scan_of(HERE, 1.0)
+    sight = steps.look(step(config, None, HERE, 0.0), scan, points, clusters_of(config, np.array(HERE), 1.0), config)
+    d, X = sight.tracks.density, np.diag([80.0**2, 12.0**2])
+    hull = replace(sight, tracks=replace(sight.tracks, density=replace(d, X=X[None])))
+    area_m2 = math.pi * -2 * math.log(0.01) * math.sqrt(np.linalg.det(d.P[0, :2, :2] + X / 4))
+    (p,) = false_alarm(hull, scan, config)
+    assert_allclose(p, 1 - math.exp(-2e-5 * area_m2), rtol=1e-9)
+    assert p > 1.5 * false_alarm(sight, scan, config)[0]
+
+
 def test_a_hull_takes_the_cluster_that_looks_like_it() -> None:
     """A speck of clutter amidships, the hull itself a little off: by place alone the speck is taken."""
     rng = np.random.default_rng(0)
