@@ -49,6 +49,9 @@ class ModelConfig:
         require(0 < self.min_axis_m < self.max_axis_m, "model: 0 < min_axis_m < max_axis_m")
         require(self.alpha_max > 2, "model.alpha_max must be greater than 2")
         positive("model.max_speed_mps", self.max_speed_mps)
+        positive("model.sigma_velocity_mps", self.sigma_velocity_mps)
+        require(self.shape_n_max >= 0, "model.shape_n_max must not be negative; 0 = no limit")
+        require(self.centroid_n_max >= 0, "model.centroid_n_max must not be negative; 0 = no limit")
         require(self.alpha_birth > 2, "model.alpha_birth must be greater than 2")
 
 

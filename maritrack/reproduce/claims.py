@@ -22,8 +22,10 @@ class Plan:
     out: Path | None = None  # folder of figures; None = none are drawn
 
     def __post_init__(self) -> None:
-        if self.seeds < 0 or self.workers < 1:
-            raise UsageError(f"seeds = {self.seeds} starts at 0, workers = {self.workers} at 1")
+        if self.seeds < 0:
+            raise UsageError(f"--seeds {self.seeds}: not negative; 0 = as many as the experiment has")
+        if self.workers < 1:
+            raise UsageError(f"--workers {self.workers}: at least 1")
 
 
 @dataclass(frozen=True, slots=True)

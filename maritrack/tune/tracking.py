@@ -89,9 +89,14 @@ def configurations(
         build_chain(config)
         return config
 
+    load({})
     for key, tried in axes.items():
         for value in tried:
-            load({key: value})
+            try:
+                load({key: value})
+            except ConfigError as error:
+                option = f"--tracker {value}" if key == TRACKER else f"--grid {key}={value}"
+                raise ConfigError(f"{option}: {error}", hint=error.hint) from None
     found: list[tuple[dict[str, Any], Config | str]] = []
     for values in combinations(axes):
         try:

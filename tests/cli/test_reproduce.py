@@ -57,6 +57,10 @@ def test_the_document_tells_claims_tables_and_figures(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "new" / "folder" / "report.json").read_text()) == done.json
 
 
+def test_a_number_of_runs_that_cannot_be_is_told_by_its_option() -> None:
+    assert call("reproduce", "numbers", "--seeds", "-1").error.startswith("--seeds -1: not negative")
+
+
 def test_a_statement_that_does_not_hold_is_told_and_is_no_error() -> None:
     done = call("reproduce", "numbers")
     assert done.code == 0

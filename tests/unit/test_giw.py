@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import sqrtm
 from scipy.stats import invwishart, wishart
 
+from maritrack.errors import ConfigError
 from maritrack.objects import gate as gating
 from maritrack.objects import giw, matrix2
 from maritrack.objects.gate import gate
@@ -312,3 +313,10 @@ def test_a_large_scene_is_gated_strip_by_strip_with_the_same_result(seed: int, n
         patch.setattr(gating, "BLOCK", 20)
         strips = gate(d, z, t_ns, 9.21, EXTENDED)
     assert all((a == b).all() for a, b in zip(whole[:3], strips[:3], strict=True)) and whole[3] == strips[3]
+
+
+@pytest.mark.parametrize("key", ["sigma_velocity_mps", "shape_n_max", "centroid_n_max"])
+def test_what_no_model_can_have_is_refused(key: str) -> None:
+    for value in (-1, 0) if key == "sigma_velocity_mps" else (-1,):
+        with pytest.raises(ConfigError, match=f"model.{key}"):
+            ModelConfig(**{key: value})
