@@ -47,10 +47,10 @@ def kernels(
 
 
 def sample_covariance(x: FloatArray, w: FloatArray, group: IntArray, n_groups: int) -> tuple[FloatArray, FloatArray]:
-    """Mean (g, s) and unbiased covariance (g, s, s) of weighted particles by group."""
+    """Mean (g, s) and unbiased covariance (g, s, s) of particles by group, by weight; all alike where there is none."""
     s = x.shape[1]
-    W = totals(group, w, n_groups)
-    share = w / W[group]
+    W, n = totals(group, w, n_groups)[group], np.bincount(group, minlength=n_groups)[group]
+    share = np.where(W > 0.0, w / np.where(W > 0.0, W, 1.0), 1.0 / n)
     mean = sums(group, share[:, None] * x, n_groups)
     gap = x - mean[group]
     if n_groups == 1:

@@ -16,6 +16,8 @@ from maritrack.objects import sensing
 from maritrack.trackers.readings import Readings
 from maritrack.types import FloatArray, IntArray
 
+BLOCK = 1 << 21  # pairs looked at together
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Links:
@@ -115,12 +117,18 @@ def gated(
     spread = np.trace(P[:, :axes, :axes], axis1=1, axis2=2)
     later_s = (readings.t_ns - t_ns) * 1e-9
     late = float(np.abs(later_s).max(initial=0.0))
-    reach2 = 4.0 * limit * (spread[:, None] + np.trace(R, axis1=1, axis2=2)[None])
+    noise = np.trace(R, axis1=1, axis2=2)
     slack = late * np.sqrt(np.trace(P[:, axes:, axes:], axis1=1, axis2=2) * limit)
-    gap2 = np.zeros((len(x), len(place)))
-    for a in range(axes):
-        gap2 += (place[None, :, a] - x[:, None, a] - later_s[None] * x[:, None, axes + a]) ** 2
-    i, j = np.nonzero(gap2 <= (np.sqrt(reach2) + 2.0 * slack[:, None]) ** 2)
-    links = link(x, P, readings, i, j, t_ns, own_s)
-    inside = distance2(links) <= limit
-    return i[inside], j[inside]
+    found = []
+    step = max(1, BLOCK // len(place))
+    for first in range(0, len(x), step):
+        some = slice(first, first + step)
+        reach2 = 4.0 * limit * (spread[some, None] + noise[None])
+        gap2 = np.zeros(reach2.shape)
+        for a in range(axes):
+            gap2 += (place[None, :, a] - x[some, None, a] - later_s[None] * x[some, None, axes + a]) ** 2
+        i, j = np.nonzero(gap2 <= (np.sqrt(reach2) + 2.0 * slack[some, None]) ** 2)
+        i += first
+        inside = distance2(link(x, P, readings, i, j, t_ns, own_s)) <= limit
+        found.append((i[inside], j[inside]))
+    return np.concatenate([i for i, _ in found]), np.concatenate([j for _, j in found])

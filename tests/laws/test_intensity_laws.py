@@ -23,6 +23,8 @@ law = settings(derandomize=True, deadline=None, max_examples=15)
 SIGMA_M = 5.0  # of `scan_of`
 X0, P0 = np.array([400.0, 300.0, 3.0, -2.0]), np.diag([100.0, 60.0, 4.0, 9.0])
 
+FROM_CLUSTERS = ("intensity.birth=clusters", "intensity.birth_weight=0.01")
+
 
 def kalman(x: FloatArray, P: FloatArray, z: FloatArray, dt_s: float, q: float) -> tuple[FloatArray, FloatArray]:
     """The filter written out: one step of a point at constant velocity."""
@@ -215,8 +217,17 @@ def test_equal_seeds_give_equal_states_and_the_order_of_points_does_not_count(na
 
 @pytest.mark.parametrize("name", INTENSITY_TRACKERS)
 @pytest.mark.parametrize("bandwidth", ["global", "local"])
-def test_nothing_seen_far_times_and_a_clock_that_steps_back_are_ordinary(name: str, bandwidth: str) -> None:
-    config = plane_config(name, f"intensity.bandwidth={bandwidth}", "model.p_detect=0.9")
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ("model.p_detect=0.9",), ("model.p_detect=1.0",), ("model.p_detect=1.0", *FROM_CLUSTERS),
+        ("intensity.p_survive_scan=0.0", *FROM_CLUSTERS),
+    ],
+)  # fmt: skip
+def test_nothing_seen_far_times_and_a_clock_that_steps_back_are_ordinary(
+    name: str, bandwidth: str, sets: tuple[str, ...]
+) -> None:
+    config = plane_config(name, f"intensity.bandwidth={bandwidth}", *sets)
     state: Any = None
     for z, t_s in (([], 0.0), ([[50.0, 60.0]], 1.0), ([], 2.0), ([[51.0, 60.0]] * 2, 2.0), ([[0.0, 0.0]], 3600.0),
                    ([[5.0, 5.0]], 3000.0), ([], 3601.0)):  # fmt: skip
