@@ -33,6 +33,10 @@ def screen(
     if n == 0:
         return np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
     present = [(one, memories.setdefault(one, Memory())) for one in _distinct(sensor).tolist()]
+    if len(present) == 1 and _is_orderly(present[0][1], keys[:, 0], tod):
+        none = np.zeros(n, dtype=np.bool_)
+        _remember(present, sensor[-REMEMBERED:], keys[-REMEMBERED:], tod[-REMEMBERED:], none[-REMEMBERED:])
+        return none, none.copy()
     before = [memory for _, memory in present if memory.recent]
     sizes = np.array([len(memory.recent) for memory in before], dtype=np.int64)
     old = int(sizes.sum())
@@ -53,6 +57,14 @@ def screen(
 
 def _distinct(sensor: IntArray) -> IntArray:
     return sensor[:1] if (sensor == sensor[0]).all() else np.unique(sensor)
+
+
+def _is_orderly(memory: Memory, idx: IntArray, tod: IntArray) -> bool:
+    """Whether indices only rise and times are all known and never fall: quickly seen, and there is nothing to find."""
+    if len(idx) < REMEMBERED or tod[0] < max(memory.tod, 0) or not (tod[1:] >= tod[:-1]).all():
+        return False
+    before = max((key[0] for key in memory.recent), default=-1)
+    return bool(idx[0] > before and (idx[1:] > idx[:-1]).all())
 
 
 def _repeated(sensor: IntArray, keys: IntArray) -> BoolArray:
