@@ -6,13 +6,12 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from maritrack.settings import Config
-from maritrack.trackers.engm_phd import EngmPhd
+from maritrack.trackers import engm_phd, smc_phd
 from maritrack.trackers.gm_phd import GmPhd
 from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
 from maritrack.trackers.pakf import Pakf
 from maritrack.trackers.phd import Phd
-from maritrack.trackers.smc_phd import SmcPhd
 from maritrack.trackers.sprt import Sprt
 from maritrack.types import Clusters, Points, Scan, Tracks
 
@@ -34,6 +33,6 @@ TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "cb-giw-phd": Phd,
     "pakf-jpda": Pakf,
     "gm-phd": GmPhd,
-    "smc-phd": SmcPhd,
-    "engm-phd": EngmPhd,
+    "smc-phd": smc_phd.tracker,
+    "engm-phd": engm_phd.tracker,
 }

@@ -5,44 +5,22 @@ Particles carry labels, which stay through resampling.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from maritrack.settings import Config
-from maritrack.trackers import intensity, labels, particles, readings
+from maritrack.trackers import intensity, particles
 from maritrack.trackers.intensity import Intensity, IntensityState
+from maritrack.trackers.particle_phd import ParticlePhd
 from maritrack.trackers.particles import Drawn
 from maritrack.trackers.readings import Readings
-from maritrack.trackers.steps import Info
-from maritrack.types import Clusters, FloatArray, IntArray, Points, Scan, Tracks
+from maritrack.types import FloatArray, IntArray, Points, Scan
 
 
-@dataclass(frozen=True, slots=True)
-class SmcPhd:
-    """Settings; the state holds the particles and, by label, the tracks."""
-
-    config: Config
-
-    def init(self) -> IntensityState:
-        """No object."""
-        return intensity.begin(self.config)
-
-    def update(
-        self, state: IntensityState, scan: Scan, points: Points, clusters: Clusters
-    ) -> tuple[IntensityState, Info]:
-        """Move the particles, weigh them by all measurements, resample, find objects."""
-        config = self.config
-        clock = intensity.clock(state, scan)
-        born, label = intensity.labelled(intensity.newborn(state, clock[1], config), state.tracks.next_id)
-        prior = predicted(state, born, clock[1], config)
-        seen = readings.read(scan, points, clusters, state.tracks, config)
-        drawn = updated(prior, seen, scan, points, clock[0], state.k, config)
-        return particles.carried_on(state, drawn, label, clock, seen, scan, clusters, config)
-
-    def estimate(self, state: IntensityState) -> Tracks:
-        """Objects heavier than `intensity.extract_weight` are confirmed."""
-        return labels.estimate(state, self.config)
+def tracker(config: Config) -> ParticlePhd:
+    """Particles move, are weighed by all measurements and drawn anew."""
+    return ParticlePhd(config, predicted, updated)
 
 
 def predicted(state: IntensityState, born: Intensity, dt_s: float, config: Config) -> Intensity:
