@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,6 +107,20 @@ def test_capping_keeps_the_weight_and_the_heaviest() -> None:
     assert_allclose(kept.w, w[:2] * 1.6 / 1.4)
 
 
+@pytest.mark.parametrize("spread", [True, False])
+def test_the_distance_of_merged_means_is_in_the_covariance_as_set(spread: bool) -> None:
+    config = plane_config("gm-phd", f"intensity.merge_spread={str(spread).lower()}", "intensity.merge_distance2=4.0")
+    x = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    merged, _ = gm_phd.reduce(Intensity(x, np.tile(np.eye(4), (2, 1, 1)), np.full(2, 0.5), np.array([1, 2])), config)
+    assert_allclose(merged.P, [np.diag([1.25 if spread else 1.0, 1, 1, 1])])
+
+
+def test_an_object_is_reported_beyond_the_weight_and_from_the_hits_on() -> None:
+    config = plane_config("gm-phd", "intensity.extract_weight=0.5", "intensity.extract_hits=2")
+    tracks: Any = SimpleNamespace(existence=np.array([0.5, 0.501, 0.9, 0.45]), hits=np.array([2, 2, 1, 9]))
+    assert labels.reported(tracks, config).tolist() == [False, True, False, False]
+
+
 def test_a_component_of_weight_two_is_two_objects_whose_ids_stay() -> None:
     d = Intensity(np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1)), np.array([2.2, 0.6]), np.array([7, 7]))
     config = plane_config("gm-phd", "intensity.copies=true")
@@ -137,6 +154,8 @@ def test_clusters_of_particles_hold_one_object_each() -> None:
     part = capped.capped_clusters(x, 2.0 / 200, rng)
     assert sorted(np.bincount(part).tolist()) == [100, 100]
     assert len(set(part[:100].tolist())) == 1
+    uneven = np.concatenate([rng.normal(size=(n, 4)) + centre for n, centre in ((103, 0.0), (97, 50.0))])
+    assert np.bincount(capped.capped_clusters(uneven, 2.0 / 200, rng)).max() == 100
     light = capped.capped_clusters(x, 1e-12, rng)
     assert light.max() == 0
 
@@ -245,6 +264,22 @@ def test_births_at_clusters_are_where_nothing_explains_them() -> None:
     assert_allclose(
         born.P[0], np.block([[(25 + 64) * np.eye(2), -32 * np.eye(2)], [-32 * np.eye(2), 16 * np.eye(2)]]), atol=1e-9
     )
+
+
+def test_a_component_seen_later_is_as_uncertain_as_its_velocity_makes_it() -> None:
+    config = plane_config("gm-phd")
+    scan, points = scan_of([[40.0, 50.0]], 1.0)
+    clusters = cluster_points(points, scan, config.cluster, config.input)
+    seen = readings.read(scan, points, clusters, intensity.begin(config).tracks, config)
+    x, P = np.array([[40.0, 50.0, 1.0, 2.0]]), np.diag([200.0, 90.0, 4.0, 9.0])[None]
+    pair = links.link(x, P, seen, np.array([0]), np.array([0]), scan.t_ns, np.array([2.0]))
+    S = np.linalg.inv(pair.L_inv[0].T @ pair.L_inv[0])
+    assert_allclose(S, np.diag([200.0 + 4 * 4.0, 90.0 + 4 * 9.0]) + seen.R[0], rtol=1e-9)
+
+
+def test_what_is_outside_of_the_gate_counts_as_missed() -> None:
+    config = plane_config("gm-phd", "intensity.gate=ellipse", "model.p_gate=0.9")
+    assert_allclose(intensity.missed(np.array([2.0]), np.array([0.8]), config), [2.0 * (1 - 0.8 * 0.9)])
 
 
 def test_components_out_of_sight_lose_nothing_when_they_are_missed() -> None:
