@@ -21,12 +21,12 @@ Examples:
 
     maritrack sweep rec.cat240 --grid tracker=sprt,jipda --grid cluster.eps_m=35,45,55 -o study
 
-    maritrack sweep harbour --seeds 0:99 --grid tracker=sprt,jipda -o monte-carlo
+    maritrack sweep harbour --seeds 0:100 --grid tracker=sprt,jipda -o monte-carlo
 
     maritrack sweep s3://bucket/a.cat240 s3://bucket/b.cat240 --scheduler tcp://10.0.0.1:8786 -o study
 """
 GRID = "KEY=V1,V2,... or KEY=FROM:TO:STEP; tracker=A,B."
-SEEDS = "FROM:TO (both included) or A,B: of a scene's noise, and of the run."
+SEEDS = "FROM:TO (0:100 are 0 to 99) or A,B: of a scene's noise, and of the run."
 
 
 def register(app: typer.Typer) -> None:

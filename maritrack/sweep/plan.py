@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,11 +56,18 @@ def parse_axes(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """`FROM:TO` (both included), `FROM:TO:STEP` or a list with commas."""
+    """`FROM:TO` and `FROM:TO:STEP` as Python counts, without TO (0:100 are a hundred), or a list with commas.
+
+    UsageError where that is none, or not of whole numbers from 0 on.
+    """
     values = parse_numbers(text, name="--seeds")
     if not all(value == int(value) and value >= 0 for value in values):
         raise UsageError(f"--seeds {text}: whole numbers from 0 on")
-    return tuple(int(value) for value in values)
+    stop = float(text.split(":")[1]) if ":" in text else math.inf
+    seeds = tuple(int(value) for value in values if value < stop)
+    if not seeds:
+        raise UsageError(f"--seeds {text}: no seed, the last number does not count")
+    return seeds
 
 
 def look(source: Source) -> Known:

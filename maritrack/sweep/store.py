@@ -37,10 +37,10 @@ def write_row(folder: Path, done: Done) -> None:
 def read_row(folder: Path, run_id: str) -> Row | None:
     """The row of a finished run; None where there is none, or one that can't be read."""
     try:
-        row = json.loads((folder / ROWS / f"{run_id}.json").read_bytes())
-    except (OSError, ValueError):
+        row: Row = json.loads((folder / ROWS / f"{run_id}.json").read_bytes())
+        return row if cells(row, {})["run_id"] == run_id else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return row if isinstance(row, dict) and row.get("run_id") == run_id else None
 
 
 def read_timings(folder: Path) -> dict[str, Mapping[str, float]]:

@@ -121,6 +121,24 @@ def test_failed_runs_run_again_when_asked(tmp_path: Path, monkeypatch: pytest.Mo
     assert not drive.sweep(runs, tmp_path, retry=True).failed
 
 
+@pytest.mark.parametrize("damage", [b"", b"[]", b'{"run_id": "%s"}', b"\0\xff"])
+def test_a_row_that_was_damaged_is_run_again(tmp_path: Path, damage: bytes) -> None:
+    runs = planned(FERRY, grid=["tracker=sprt,ipda"], limit=2)
+    before = drive.sweep(runs, tmp_path).rows
+    row = tmp_path / "rows" / f"{runs[0].run_id}.json"
+    row.write_bytes(damage.replace(b"%s", runs[0].run_id.encode()))
+    again = drive.sweep(runs, tmp_path)
+    assert again.reused == 1 and list(again.rows) == list(before)
+
+
+def test_a_configuration_that_was_damaged_is_run_again(tmp_path: Path) -> None:
+    runs = planned(FERRY, grid=["tracker=sprt"], limit=2)
+    before = drive.sweep(runs, tmp_path).rows
+    row = tmp_path / "rows" / f"{runs[0].run_id}.json"
+    row.write_text(json.dumps(json.loads(row.read_text()) | {"config": "= ="}))
+    assert list(drive.sweep(runs, tmp_path).rows) == list(before)
+
+
 def test_an_id_is_that_of_configuration_input_and_seed() -> None:
     ids = [run.run_id for run in planned(FERRY)]
     assert ids == [run.run_id for run in planned(FERRY)] and len(set(ids)) == 4
@@ -165,8 +183,9 @@ def test_a_worker_of_other_code_is_an_error() -> None:
 
 
 def test_wrong_use_is_told() -> None:
-    assert parse_seeds("0:3") == (0, 1, 2, 3)
-    for text in ("-1:2", "0.5", "x"):
+    assert parse_seeds("0:3") == (0, 1, 2)
+    assert (parse_seeds("0:7:3"), parse_seeds("4,2"), len(parse_seeds("0:100"))) == ((0, 3, 6), (2, 4), 100)
+    for text in ("-1:2", "0.5", "x", "3:3"):
         with pytest.raises(UsageError):
             parse_seeds(text)
     with pytest.raises(UsageError, match="once"):
