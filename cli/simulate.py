@@ -30,6 +30,9 @@ Examples:
     maritrack simulate crossing-3d -o crossing.json
     maritrack process crossing.json --preset engm --tracker gm-phd
 
+    maritrack simulate four-ships -o ships.json
+    maritrack process ships.json --preset extended
+
     maritrack simulate my-scene.toml -o rec.cat240 --seed 7 --scans 100
 
     maritrack simulate --list
@@ -56,6 +59,7 @@ def simulate(
 ) -> None:
     """Parse, simulate, say what was written."""
     from maritrack.errors import UsageError
+    from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
     from maritrack.simulate.pointscene import PointScene, simulate_points
     from maritrack.simulate.record import simulate as write
     from maritrack.simulate.scenes import load_any, scene_names
@@ -66,9 +70,12 @@ def simulate(
     if not scene or out is None:
         raise UsageError("say which scene and where to: SCENE -o REC", hint="scenes: " + ", ".join(scene_names()))
     loaded = load_any(scene)
-    if isinstance(loaded, PointScene):
+    if isinstance(loaded, (PointScene, LidarScene)):
         with render.steps("scan", quiet=quiet) as tick:
-            told = simulate_points(loaded, out, seed=seed, scans=scans, progress=tick)
+            if isinstance(loaded, PointScene):
+                told = simulate_points(loaded, out, seed=seed, scans=scans, progress=tick)
+            else:
+                told = simulate_lidar(loaded, out, seed=seed, scans=scans, progress=tick)
         of = f"{told['scans']} scans, {told['points']} points, {told['objects']} objects"
         render.emit_json(told) if json_ else print(f"{told['recording']}: {of}")
         return

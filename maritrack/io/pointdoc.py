@@ -8,7 +8,10 @@
 - "enu3" and "polar3" have a third number, up_m or elevation_deg, before the intensity, and no covariances; ranges are
   slant ranges.
 
-A scan's pose is where its sensor was; without one the sensor's own entry says so, else the origin.
+A scan's pose is where its sensor was; without one the sensor's own entry says so, else the origin. Of a sensor whose
+entry has `forward_m`, `starboard_m` or `turn_deg` the pose, or the place in the entry, is that of the platform that
+carries it, with others perhaps: the sensor is that far ahead and to starboard, and its azimuths, where they are
+relative to the bow, are turned by that much clockwise.
 Noise is, in this order: the scan's `cov`, the sigmas of the sensor's entry, those of the settings
 (`io.noise.point_noise`); without any of them the points have none.
 """
@@ -23,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maritrack.errors import InputError
-from maritrack.io.jsontext import MAX_M, clean, list_of, number_of, table_of
+from maritrack.io.jsontext import MAX_M, clean, list_of, naming, number_of, table_of
+from maritrack.io.mount import NOWHERE_ELSE, Mount, aboard
 from maritrack.io.noise import plot_cov_to_en, usable_cov
 from maritrack.io.pointscan import Measured, instant, measured_at, measured_in_space, point_sensor, to_points
 from maritrack.io.reference import Reference, Reports, build_reference
@@ -44,6 +48,7 @@ class Entry:
     position_m: FloatArray  # (2,)
     config: InputConfig  # with this sensor's sigmas
     up_m: float = 0.0
+    mount: Mount = NOWHERE_ELSE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +92,9 @@ def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Dama
     only = next(iter(header.sensors)) if len(header.sensors) == 1 else "radar"
     sensor = only if table.get("sensor") is None else _sensor_id(table["sensor"], where=where)
     entry = header.sensors.get(sensor, Entry(np.zeros(2), header.config))
-    position_m, heading_rad = _pose(table.get("pose"), entry, where=where)
+    platform_m, heading_rad = _pose(table.get("pose"), entry, where=where)
+    with naming(where):
+        position_m = aboard(platform_m, heading_rad, entry.mount)
     rows = point_rows(table.get("points"), axes=header.axes, where=f"{where}: points")
     if header.axes == 3 and table.get("cov") is not None:
         raise InputError(f"{where}: points of 3-D have no 'cov': say sigmas of the sensor")
@@ -110,6 +117,7 @@ def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Dama
         config=entry.config,
         where=where,
         head_up=header.polar,
+        mount_rad=entry.mount.turn_rad,
     )
     scan = instant(
         point_sensor(sensor, header.config), points, t_ns=t_ns, sensor_m=position_m, heading_rad=heading_rad,
@@ -273,7 +281,11 @@ def _entry(value: Any, *, where: str, config: InputConfig) -> Entry:
             sigma_m=sigmas["sigma_m"],
         )
     up_m = number_of(table, "up_m", where=where, default=0.0, limit=MAX_M)
-    return Entry(np.array(position), config, up_m)
+    forward_m, starboard_m = (
+        number_of(table, key, where=where, default=0.0, limit=1e4) for key in ("forward_m", "starboard_m")
+    )
+    turn_deg = number_of(table, "turn_deg", where=where, default=0.0, limit=360.0)
+    return Entry(np.array(position), config, up_m, Mount(forward_m, starboard_m, float(np.deg2rad(turn_deg))))
 
 
 def _origin(value: Any) -> Origin | None:

@@ -77,18 +77,20 @@ def to_points(
     config: InputConfig,
     where: str,
     head_up: bool,
+    mount_rad: float = 0.0,
 ) -> Points:
     """Points with offsets, heading (where azimuths are relative to it), latency, noise and region of interest applied.
 
     `sensor_m` is (2,) or (n, 2), `heading_rad` one or (n,). Points outside of roi_min..roi_max are
-    left out. `where` is for the error that head-up azimuths lack a heading. In 3-D ranges are slant ranges, and
+    left out. `mount_rad` is how the sensor is turned from the bow, for azimuths relative to it.
+    `where` is for the error that head-up azimuths lack a heading. In 3-D ranges are slant ranges, and
     the noise of range, azimuth and elevation is that of the settings, where they have one of elevation.
     """
     turn: float | FloatArray = np.deg2rad(config.azimuth_offset_deg)
     if head_up and config.stabilised == "head":
         if np.any(np.isnan(heading_rad)):
             raise InputError(f"{where}: azimuths relative to the bow, but no heading", hint="input.stabilised = north")
-        turn = turn + heading_rad
+        turn = turn + heading_rad + mount_rad
     as_told = config.range_offset_m == 0.0 and not np.any(turn)
     told = measured.position_m if as_told else None
     range_m = measured.range_m + config.range_offset_m

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from maritrack.errors import UsageError
+from maritrack.io.mount import NOWHERE_ELSE, Mount, aboard
 from maritrack.io.noise import en_cov_to_plot
 from maritrack.io.pointdoc import DEG, FORMAT, FRAMES
 from maritrack.io.reference import Reference
@@ -23,15 +24,16 @@ def write_points(
     frame: str = "enu",
     origin: Origin | None = None,
     sensors: Mapping[str, Mapping[str, float]] | None = None,
+    mounts: Mapping[str, Mount] | None = None,
     reference: Reference | None = None,
     lines: bool = False,
 ) -> bytes:
     """A document (or JSON Lines) of scans that have points, with the truth where there is one.
 
-    `sensors` is the document's table. A scan is written with its pose, and with covariances, labels
-    and intensities where it has them. Times keep microseconds; all else is exact in "enu" and "enu3", rounded by
-    the way through polar coordinates in "polar" and "polar3". The latter two of each are for points with elevation;
-    their noise is for `sensors` to tell.
+    `sensors` is the document's table; of a sensor in `mounts` the pose that is written is its platform's. A scan is
+    written with its pose, and with covariances, labels and intensities where it has them. Times keep microseconds;
+    all else is exact in "enu" and "enu3", rounded by the way through polar coordinates in "polar" and "polar3".
+    Frames of three numbers are for points with elevation; their noise is for `sensors` to tell.
     """
     if frame not in FRAMES:
         raise UsageError(f"frame '{frame}' is not one of {', '.join(FRAMES)}")
@@ -41,19 +43,20 @@ def write_points(
     if sensors:
         head["sensors"] = {key: dict(value) for key, value in sensors.items()}
     truth = [] if reference is None else list(truth_records(reference))
-    rows = (scan_record(scan, frame=frame) for scan in scans)
+    rows = (scan_record(scan, frame=frame, mount=(mounts or {}).get(scan.sensor.id, NOWHERE_ELSE)) for scan in scans)
     if not lines:
         document = head | {"scans": list(rows)} | ({"truth": truth} if reference is not None else {})
         return _line(document)
     return b"".join([_line(head), *([_line({"truth": truth})] if truth else []), *map(_line, rows)])
 
 
-def scan_record(scan: Scan, *, frame: str) -> dict[str, Any]:
-    """One entry of "scans"."""
+def scan_record(scan: Scan, *, frame: str, mount: Mount = NOWHERE_ELSE) -> dict[str, Any]:
+    """One entry of "scans"; the pose is that of the platform on which the sensor is mounted."""
     points = scan.points
     if points is None:
         raise UsageError("a scan of video has no points to write")
-    pose = {"east_m": float(scan.position_m[0]), "north_m": float(scan.position_m[1])}
+    at_m = 2.0 * scan.position_m - aboard(scan.position_m, scan.heading_rad, mount) if mount.offset else scan.position_m
+    pose = {"east_m": float(at_m[0]), "north_m": float(at_m[1])}
     if np.isfinite(scan.heading_rad):
         pose["heading_deg"] = float(np.rad2deg(scan.heading_rad))
     record: dict[str, Any] = {"time_s": scan.t_ns / 1e9, "sensor": scan.sensor.id, "pose": pose}

@@ -112,14 +112,19 @@ def simulate_points(
     sigmas = {name: getattr(scene, name) for name in ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")}
     reference = reference_of(scene, n_scans)
     octets = write_points(written, frame="polar3", sensors={"radar": sigmas}, reference=reference)
+    write_octets(out, octets)
+    points = sum(len(scan.points) for scan in written if scan.points is not None)
+    return {
+        "recording": str(out), "octets": len(octets), "scans": n_scans, "points": points,
+        "objects": len(scene.objects), "truth_rows": len(reference.t_ns), "seed": seed,
+    }  # fmt: skip
+
+
+def write_octets(out: Path, octets: bytes) -> None:
+    """The whole file or none of it. InputError where it can't be written."""
     partial = out.with_name(out.name + ".partial")
     try:
         partial.write_bytes(octets)
         partial.replace(out)
     except OSError as error:
         raise InputError(f"{out}: {error.strerror or error}") from None
-    points = sum(len(scan.points) for scan in written if scan.points is not None)
-    return {
-        "recording": str(out), "octets": len(octets), "scans": n_scans, "points": points,
-        "objects": len(scene.objects), "truth_rows": len(reference.t_ns), "seed": seed,
-    }  # fmt: skip

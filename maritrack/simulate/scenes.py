@@ -12,6 +12,7 @@ from typing import Any
 from maritrack.config import build, toml_table
 from maritrack.errors import ConfigError
 from maritrack.simulate.antenna import RadarSettings
+from maritrack.simulate.lidarscene import LidarScene
 from maritrack.simulate.pointscene import PointScene
 from maritrack.simulate.scenery import Land, Sea
 from maritrack.simulate.vessels import Vessel
@@ -76,13 +77,13 @@ def scene_names() -> tuple[str, ...]:
 def load_scene(name_or_path: str | Path) -> Scene:
     """A scene of radars by name, or one from a TOML file. Raises ConfigError, which names the key."""
     scene = load_any(name_or_path)
-    if isinstance(scene, PointScene):
+    if not isinstance(scene, Scene):
         raise ConfigError(f"{name_or_path}: a scene of points, without radar video")
     return scene
 
 
-def load_any(name_or_path: str | Path) -> Scene | PointScene:
-    """A scene of either kind: one of points has objects, and no vessels nor radar."""
+def load_any(name_or_path: str | Path) -> Scene | PointScene | LidarScene:
+    """A scene of any kind: with a radar and vessels, with a lidar and boats, or points of objects without either."""
     name = str(name_or_path)
     known = scene_names()
     if name in known:
@@ -96,6 +97,11 @@ def load_any(name_or_path: str | Path) -> Scene | PointScene:
         if "objects" in table:
             points: PointScene = build(PointScene, table, "")
             return points
+        if "lidar" in table:
+            seen: LidarScene = build(LidarScene, table, "")
+            for boat in seen.boat:
+                boat.course()
+            return seen
         scene: Scene = build(Scene, _first_apart(table), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: {error}") from None
