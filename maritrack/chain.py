@@ -11,7 +11,7 @@ import numpy as np
 
 from maritrack.cluster.stage import cluster_points
 from maritrack.detect.background import Background, learn, mask_of, no_background, under
-from maritrack.detect.cells import detect_cells, empty_points
+from maritrack.detect.cells import detect_cells, empty_points, nearest_in_sectors
 from maritrack.errors import ConfigError
 from maritrack.geo import in_mask
 from maritrack.metrics.background import background_scores
@@ -83,7 +83,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
 
 
 def detect(scan: Scan, config: Config) -> Points:
-    """Points of a scan, as given or from its video, within the region of interest."""
+    """Points of a scan, as given or from its video, within the region of interest, of each sector the nearest."""
     settings = config.input
     if scan.points is not None:
         points = scan.points
@@ -92,7 +92,8 @@ def detect(scan: Scan, config: Config) -> Points:
     else:
         points = empty_points()
     inside = (points.range_m >= settings.roi_min_m) & (points.range_m <= settings.roi_max_m)
-    return points if inside.all() else take(points, inside)
+    points = points if inside.all() else take(points, inside)
+    return take(points, nearest_in_sectors(points, settings.sector_deg)) if settings.sector_deg > 0 else points
 
 
 def subtract(

@@ -15,7 +15,7 @@ from maritrack.io import sniff
 from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
-from maritrack.io.fuse import in_steps, merge_sources
+from maritrack.io.fuse import in_steps, merge_sources, united
 from maritrack.io.nmea import read_nmea
 from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
@@ -143,7 +143,8 @@ def open_recording(
         reference = getattr(merged, "reference", None)
     wrong = reference.damage if reference is not None else ()
     damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
-    frames = nonempty(windowed(in_steps(merged.frames(), settings.step_s), settings), sources, octets)
+    stepped = united(in_steps(merged.frames(), settings.step_s), settings.unite)
+    frames = nonempty(windowed(stepped, settings), sources, octets)
     named = unclaimed(side, settings, octets, kinds)
     if "cat240" not in kinds:  # an input is one sensor, whatever its scans are called
         damage += tuple(

@@ -38,6 +38,8 @@ class InputConfig:
     lon_deg: float = NAN
     own_ship: str = ""  # id in the AIS reports of the ship that carries the radar; "" = the one that is marked
     step_s: float = 0.0  # scans that end within a step are of one instant, its end; 0 = each point has its beam's time
+    unite: str = ""  # scans of one instant are one scan, of a sensor of this name, as of LiDARs aboard; "" = none are
+    sector_deg: float = 0.0  # of a scan only the nearest point of each sector of bearing counts; 0 = all points
     stabilised: Literal["north", "head"] = "north"
     azimuth_edge: Literal["start", "centre", "end"] = "centre"  # the edge that the azimuth means
     azimuth_offset_deg: float = 0.0  # added to every azimuth
@@ -61,6 +63,8 @@ class InputConfig:
         require(self.limit >= 0, "input.limit must not be negative")
         require(0 <= self.scale_db <= 200, f"input.scale_db = {self.scale_db} is not within 0..200")
         require(0 <= self.step_s < math.inf, "input.step_s must not be negative, and finite")
+        require(0 <= self.sector_deg <= 90, f"input.sector_deg = {self.sector_deg} is not within 0..90")
+        require("/" not in self.unite, "input.unite is the name of a sensor, without a slash")
         require(self.roi_min_m < self.roi_max_m, "input.roi_min_m must be less than input.roi_max_m")
         for name, most in (("azimuth_offset_deg", 360.0), ("range_offset_m", 1e6), ("latency_s", MOST_LATE_S)):
             value = getattr(self, name)

@@ -123,3 +123,15 @@ def empty_points() -> Points:
         range_m=none, azimuth_rad=none, position_m=np.zeros((0, 2)), intensity=none, t_ns=np.zeros(0, np.int64),
         range_width_m=none, azimuth_width_rad=none,
     )  # fmt: skip
+
+
+def nearest_in_sectors(points: Points, sector_deg: float) -> BoolArray:
+    """Which points (n,) are the nearest of their sector of bearing, the first of equals (extended, sec. 5.1).
+
+    Sectors begin at North; where they don't divide the circle the last one is smaller.
+    """
+    sector = np.floor(np.rad2deg(points.azimuth_rad) / sector_deg + 1e-9).astype(np.int64)
+    order = np.lexsort((points.range_m, sector))
+    nearest = np.zeros(len(points), bool)
+    nearest[order] = np.diff(sector[order], prepend=-1) > 0
+    return nearest

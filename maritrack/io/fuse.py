@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import groupby
 
 import numpy as np
 
-from maritrack.errors import UsageError
+from maritrack.errors import InputError, UsageError
+from maritrack.geo import en_to_polar
 from maritrack.io.source import Source
-from maritrack.types import Frame, Origin, Scan
+from maritrack.types import Frame, Origin, Points, Scan, Sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,3 +71,36 @@ def _at(scan: Scan, t_ns: int) -> Scan:
         video=None if video is None else replace(video, t_ns=np.full_like(video.t_ns, t_ns)),
         points=None if points is None else replace(points, t_ns=np.full_like(points.t_ns, t_ns)),
     )
+
+
+def united(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
+    """Frames of one instant as one frame of a sensor called `name`, numbered anew; "" leaves them as they are.
+
+    The point clouds of several LiDARs aboard are one cloud, seen from the middle of them. InputError for video, which
+    has no points to unite.
+    """
+    if not name:
+        yield from frames
+        return
+    for k, (_, same) in enumerate(groupby(frames, key=lambda frame: frame.t_ns)):
+        group = list(same)
+        inputs = tuple(item for frame in group for item in frame.inputs)
+        damage = tuple(item for frame in group for item in frame.damage)
+        yield Frame(k, _one([frame.scan for frame in group], name), group[0].truth, inputs, damage)
+
+
+def _one(scans: Sequence[Scan], name: str) -> Scan:
+    """All points of scans of one instant in one scan; heading and height are those of the first."""
+    clouds = [scan.points for scan in scans if scan.points is not None]
+    if len(clouds) < len(scans):
+        raise InputError("input.unite: video has no points to unite")
+    at_m = np.mean([scan.position_m for scan in scans], axis=0)
+    joined = {
+        f.name: np.concatenate([getattr(cloud, f.name) for cloud in clouds])
+        for f in fields(Points)
+        if all(getattr(cloud, f.name) is not None for cloud in clouds)
+    }
+    range_m, azimuth_rad = en_to_polar(joined["position_m"] - at_m)
+    points = Points(**(joined | {"range_m": range_m, "azimuth_rad": azimuth_rad}))
+    sensor = Sensor(name, 0.0, 0.0, max(scan.sensor.max_range_m for scan in scans))
+    return replace(scans[0], sensor=sensor, position_m=at_m, points=points, swept=None)
