@@ -65,7 +65,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     clock.lap("cluster")
     tracker, info = state.tracker, None
     if ready(background, scan, config):  # abs-9: in case 1 tracking waits for it
-        tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), points, clusters)
+        tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), left, clusters)
     tracks = chain.tracker.estimate(tracker)
     clock.lap("track")
     scores = score_frame(
@@ -162,7 +162,7 @@ def track_events(before: tuple[int, ...], now: tuple[int, ...], tracks: Tracks, 
     events = [Event("info", "track", f"track {i} confirmed") for i in now if i not in old]
     events += [Event("info", "track", f"track {i} ended") for i in before if i not in new]
     if info.n_inexact:
-        text = f"{info.n_inexact} groups beyond the exact limit: association by loopy belief propagation"
+        text = f"{info.n_inexact} groups beyond the exact limit: association approximated"
         events.append(Event("warning", "track", text))
     if info.n_cut:
         events.append(

@@ -136,8 +136,10 @@ class SubtractConfig:
 class ClusterConfig:
     """Points to clusters."""
 
-    method: Literal["polar-dbscan", "cartesian-dbscan", "singletons"] = "polar-dbscan"
-    eps_m: float = 55.0  # polar, sec. III
+    method: Literal["polar-dbscan", "cartesian-dbscan", "single-linkage", "complete-linkage", "singletons"] = (
+        "polar-dbscan"
+    )
+    eps_m: float = 55.0  # polar, sec. III; of linkages the distance at which they are cut
     eps_cells: float = 0.0  # at least this many range cells; 0 = eps_m alone
     min_points: int = 3  # polar, sec. III
     min_count: int = 1  # clusters of fewer cells are dropped

@@ -102,6 +102,14 @@ class TrackerConfig:
     moving_hits: int = 0
     max_tracks: int = 5000  # no new ones beyond
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
+    beyond_limit: Literal["loopy", "murty"] = "loopy"  # jipda, beyond it: belief propagation or the likeliest events
+    hypotheses: int = 200  # ... of which so many
+    birth_from: Literal["unexplained", "ungated"] = (
+        "unexplained"  # clusters that tracks take by half or less, or don't gate
+    )
+    hull: Literal["none", "cluster"] = (
+        "none"  # a track draws the hull of its likeliest cluster; until the next it keeps it
+    )
     assign_by: Literal["likeliest", "nearest"] = "likeliest"  # cost of hard assignment: with existence or without
     pairs_per_track: int = 0  # clusters a track may choose from, the cheapest ones; 0 = all in its gate
 
@@ -115,6 +123,7 @@ class TrackerConfig:
         require(self.confirm_hits >= 1, "tracker.confirm_hits starts at 1")
         require(self.max_tracks >= 1, "tracker.max_tracks starts at 1")
         require(1 <= self.exact_limit <= 16, "tracker.exact_limit is within 1..16")
+        require(self.hypotheses >= 1, "tracker.hypotheses starts at 1")
         require(self.pairs_per_track >= 0, "tracker.pairs_per_track must not be negative")
         positive("tracker.delete_axis_m", self.delete_axis_m)
 

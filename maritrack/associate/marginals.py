@@ -3,7 +3,8 @@
 A joint event gives each track one measurement or none, and no measurement twice; its weight is the
 product of W_t0 (missed) and W_tj (paired). Fortmann, Bar-Shalom & Scheffe 1983; with existence
 Musicki & Evans 2004. Exact wherever `exact_limit` columns at a time suffice, in particular for a
-group with that many tracks or measurements; loopy belief propagation beyond, and said so.
+group with that many tracks or measurements; loopy belief propagation beyond, or the likeliest joint
+events by Murty's method (extended, sec. 3.2), and said so.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from numpy.typing import ArrayLike
 
 from maritrack.associate.groups import connected_groups
 from maritrack.associate.matchings import frontier, loopy, potentials, row_order, small_groups
+from maritrack.associate.murty import murty_marginals
 from maritrack.types import FloatArray, IntArray
 
 MIN_MISSED = 1e-12  # least W_t0: with P_D P_G r = 1 a track without measurement would void every event
 SMALL_COLS = ((1, 3), (4, 6))  # groups whose shorter side is within a range are solved together ...
 SMALL_ROWS = 12  # ... if the longer one is not above this
 MAX_ORDERED = 200  # rows of a group whose best order is searched for
+MOST_MURTY = 300  # tracks of a group, or one event would take too long
 SAFE_LOG = 600.0  # sums of offsets up to this stay within a double without `potentials`
 
 
@@ -31,7 +34,7 @@ class JointMarginals:
     beta: FloatArray  # (t, 1 + m) association probabilities, rows sum to 1
     existence: FloatArray  # (t,) posterior
     beta_given_existence: FloatArray  # (t, 1 + m) weights of the state update; zero where existence is 0
-    exact: bool  # False: some group needed loopy belief propagation
+    exact: bool  # False: some group was beyond the limit
 
 
 def joint_marginals(
@@ -121,11 +124,13 @@ def sparse_marginals(
     n_measurements: int,
     *,
     exact_limit: int = 12,
+    murty: int = 0,
 ) -> tuple[FloatArray, FloatArray, int]:
     """Marginals of pairs (k,) and of misses (t,) from log weights, and the number of inexact groups.
 
     `track`, `measurement` (k,) name each possible pair once, in any order; log_weight (k,) = log W_tj
-    may be -inf, log_missed (t,) = log W_t0 may not. With exact_limit 0 every group is inexact.   Eq: polar-8
+    may be -inf, log_missed (t,) = log W_t0 may not. With exact_limit 0 every group is inexact: by belief propagation,
+    or where `murty` > 0 and the group is not above 300 tracks, by that many of the best events.   Eq: polar-8
     """
     if not np.all(np.isfinite(log_missed)) or not np.all(log_weight < np.inf):
         raise ValueError("log_missed must be finite and log_weight less than inf")
@@ -138,7 +143,9 @@ def sparse_marginals(
         beta, n_inexact, free = np.zeros(len(track)), 0, np.ones(n_tracks)
         if shared.any():
             t = track[shared]
-            beta[shared], n_inexact = _shared(t, measurement[shared], log_weight[shared] - log_free[t], exact_limit)
+            beta[shared], n_inexact = _shared(
+                t, measurement[shared], log_weight[shared] - log_free[t], exact_limit, murty
+            )
             free = np.clip(1.0 - np.bincount(t, beta[shared], minlength=n_tracks), 0.0, 1.0)
         # A measurement of one track only is in nobody's way: it splits what the others leave.
         t = track[private]
@@ -154,7 +161,9 @@ def _log_add(log_start: FloatArray, index: IntArray, log_term: FloatArray) -> Fl
     return np.asarray(top + np.log(total), dtype=np.float64)
 
 
-def _shared(track: IntArray, measurement: IntArray, log_psi: FloatArray, limit: int) -> tuple[FloatArray, int]:
+def _shared(
+    track: IntArray, measurement: IntArray, log_psi: FloatArray, limit: int, murty: int
+) -> tuple[FloatArray, int]:
     """Pair probabilities (k,) from log psi = log W_tj - log W_t(none of these), and inexact groups."""
     groups = connected_groups(track, measurement)
     longer = np.maximum(groups.n_tracks, groups.n_measurements)
@@ -175,8 +184,13 @@ def _shared(track: IntArray, measurement: IntArray, log_psi: FloatArray, limit: 
         mine = np.flatnonzero(groups.group == g)
         exact = _solve_large(row[mine], col[mine], log_psi[mine], limit)
         n_inexact += exact is None
-        # Tracks are the rows of the approximation, which sums to one over rows.
-        beta[mine] = loopy(track[mine], measurement[mine], log_psi[mine]) if exact is None else exact
+        if exact is None and murty > 0 and groups.n_tracks[g] <= MOST_MURTY:
+            place = groups.track[mine], groups.measurement[mine]
+            table = np.full((int(groups.n_tracks[g]), int(groups.n_measurements[g])), -np.inf)
+            table[place] = log_psi[mine]
+            beta[mine] = murty_marginals(table, murty)[place]
+        else:  # tracks are the rows of the approximation, which sums to one over rows
+            beta[mine] = loopy(track[mine], measurement[mine], log_psi[mine]) if exact is None else exact
     return beta, n_inexact
 
 

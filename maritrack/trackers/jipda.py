@@ -1,7 +1,8 @@
 """Joint integrated probabilistic data association on random matrices.
 
 Musicki, Evans 2002, with clusters as single measurements (polar, sec. II). Exact marginals per connected
-group of tracks and clusters; groups beyond `tracker.exact_limit` by loopy belief propagation.
+group of tracks and clusters; groups beyond `tracker.exact_limit` by loopy belief propagation, or by
+the likeliest joint events (extended, sec. 3.2).
 """
 
 from __future__ import annotations
@@ -44,7 +45,14 @@ class Jipda:
         log_w = steps.log_weights(sight, clusters, scan, points, sight.p_detect * r, config)
         log_w0 = log_missed_weight(r, p_detect=sight.p_detect, p_gate=model.p_gate)
         beta, beta0, inexact = sparse_marginals(
-            pairs.i, pairs.j, log_w, log_w0, n, len(clusters), exact_limit=config.tracker.exact_limit
+            pairs.i,
+            pairs.j,
+            log_w,
+            log_w0,
+            n,
+            len(clusters),
+            exact_limit=config.tracker.exact_limit,
+            murty=config.tracker.hypotheses if config.tracker.beyond_limit == "murty" else 0,
         )
         existence, given, given0 = existence_update(
             pairs.i, beta, beta0, r, p_detect=sight.p_detect, p_gate=model.p_gate

@@ -17,7 +17,7 @@ from maritrack.objects import giw, matrix2
 from maritrack.objects.gate import gate
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
-from maritrack.trackers import tracklist
+from maritrack.trackers import hulls, tracklist
 from maritrack.trackers.clutter import clutter_at, learn_clutter
 from maritrack.trackers.cluttermap import learn_map, map_density
 from maritrack.trackers.tracklist import TrackList
@@ -210,10 +210,15 @@ def carry_on(
     tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
     tracks = with_clutter(tracks, clusters, unexplained, scan, config)
     tracks = tracklist.manage(tracks, config)
-    free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(unexplained > 0.5), config.tracker)
+    new = unexplained > 0.5
+    if config.tracker.birth_from == "ungated":
+        new[sight.pairs.j] = False
+    free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(new), config.tracker)
     r0 = tracklist.birth_existence(config, clutter_density(tracks, clusters, scan, config)[free])
     t_ns = tracklist.beam_time(scan, points, clusters.mean_m[free])
     tracks = tracklist.start(tracks, clusters, free, t_ns, r0, config)
+    if config.tracker.hull == "cluster":
+        tracks = replace(tracks, hulls=hulls.followed(tracks, points, clusters))
     return tracks, Info(outcome.n_inexact, sight.clock_back, sight.n_cut, left_out)
 
 

@@ -55,6 +55,7 @@ class TrackList:
     clutter: Mapping[str, Clutter] = field(default_factory=dict)  # by sensor
     clutter_map: Mapping[str, ClutterMap] = field(default_factory=dict)  # by sensor
     heard: tuple[str, ...] = ()  # sensors of this step so far
+    hulls: Mapping[int, FloatArray] = field(default_factory=dict)  # by id (v, 2), from the track's place
 
     def __len__(self) -> int:
         return len(self.id)
@@ -339,4 +340,6 @@ def estimate(tracks: TrackList, rules: TrackerConfig) -> Tracks:
         id=tracks.id, t_ns=tracks.t_ns, position_m=d.x[:, :2].copy(), velocity_mps=d.x[:, 2:].copy(), cov=d.P,
         extent_m2=d.X, existence=tracks.existence, status=status.astype(np.int64), moving=tracks.moving,
         cluster=tracks.cluster, extent_dof=d.alpha,
+        contour_m=tuple(tracks.hulls[i] + x for i, x in zip(tracks.id.tolist(), d.x[:, :2], strict=True))
+        if tracks.hulls else (),
     )  # fmt: skip

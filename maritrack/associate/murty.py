@@ -1,0 +1,83 @@
+"""The k best ways to pair rows with columns (Murty 1968), a row with one column or with none.
+
+Each solution splits what is left: one part for each row that is free in it, in which the row must not do what it
+did, and the rows before it must. The best of a part is an assignment problem.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from maritrack.types import FloatArray, IntArray
+
+NONE = -1
+
+
+class Best(NamedTuple):
+    """Solutions in order of their gain, best first; no two are alike."""
+
+    column: IntArray  # (k, l) of each row, -1 = none
+    gain: FloatArray  # (k,) sum over the rows
+
+
+def k_best(log_pair: FloatArray, log_none: FloatArray, k: int) -> Best:
+    """Of all pairings of rows (l,) and columns (s,) the k of largest gain, or all of them where there are fewer.
+
+    The gain of a row is log_pair (l, s), -inf = never, or log_none (l,), which is finite. Ties are in an order that the
+    numbers of rows and columns decide.
+    """
+    n_rows, n_cols = log_pair.shape
+    if n_rows == 0 or k < 1:
+        return Best(np.zeros((min(max(k, 0), 1), 0), np.int64), np.zeros(min(max(k, 0), 1)))
+    table = np.full((n_rows, n_cols + n_rows), -np.inf)
+    table[:, :n_cols] = log_pair
+    table[np.arange(n_rows), n_cols + np.arange(n_rows)] = log_none
+    first = _best(table)
+    waiting: list[tuple[float, int, FloatArray, IntArray, int]] = []
+    if first is not None:
+        waiting.append((-first[0], 0, table, first[1], 0))
+    found: list[IntArray] = []
+    gains: list[float] = []
+    made = 1
+    while waiting and len(found) < k:
+        negative, _, table, column, fixed = heapq.heappop(waiting)
+        found.append(column)
+        gains.append(-negative)
+        part = table.copy()
+        for row in range(fixed, n_rows):
+            without = part.copy()
+            without[row, column[row]] = -np.inf
+            best = _best(without)
+            if best is not None:
+                heapq.heappush(waiting, (-best[0], made, without, best[1], row))
+                made += 1
+            kept = part[row, column[row]]
+            part[row], part[:, column[row]] = -np.inf, -np.inf
+            part[row, column[row]] = kept
+    chosen = np.array(found, np.int64).reshape(-1, n_rows)
+    return Best(np.where(chosen < n_cols, chosen, NONE), np.array(gains))
+
+
+def _best(table: FloatArray) -> tuple[float, IntArray] | None:
+    """Gain and columns of the best assignment, None where a row has nothing left."""
+    if not np.isfinite(table).any(axis=1).all():
+        return None
+    finite = np.where(np.isfinite(table), table, 0.0)
+    never = finite.min() - (np.ptp(finite) + 1.0) * (len(table) + 1)  # one of these outweighs all that is possible
+    rows, column = linear_sum_assignment(np.where(np.isfinite(table), table, never), maximize=True)
+    gain = table[rows, column]
+    return (float(gain.sum()), column.astype(np.int64)) if np.isfinite(gain).all() else None
+
+
+def murty_marginals(log_psi: FloatArray, k: int) -> FloatArray:
+    """Pair probabilities (l, s) from the k likeliest joint events; log_psi is relative to a row without a column."""
+    best = k_best(log_psi, np.zeros(len(log_psi)), k)
+    weight = np.exp(best.gain - best.gain[0])
+    probability = np.zeros(log_psi.shape)
+    event, row = np.nonzero(best.column >= 0)
+    np.add.at(probability, (row, best.column[event, row]), weight[event])
+    return np.asarray(probability / weight.sum(), dtype=np.float64)
