@@ -70,7 +70,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     clock.lap("track")
     scores = score_frame(
         frame.truth, tracks, c_m=config.score.c_m, p=config.score.p, which=reported(tracks, config),
-        unexplained=chain.unexplained,
+        unexplained=chain.unexplained, velocity=config.score.velocity, bow_share=config.score.bow_share,
     )  # fmt: skip
     if mask is not None:
         scores |= background_scores(points, keep, frame.truth, margin_m=config.score.box_margin_m)

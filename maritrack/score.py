@@ -137,7 +137,8 @@ def _add(sums: ScoreSums, scan: ArchivedScan, truth: Truth | None, chain: Chain,
     settings, tracks = chain.config.score, scan.tracks
     which = reported(tracks, chain.config)
     scores = score_frame(
-        truth, tracks, c_m=settings.c_m, p=settings.p, which=which, unexplained=chain.unexplained
+        truth, tracks, c_m=settings.c_m, p=settings.p, which=which, unexplained=chain.unexplained,
+        velocity=settings.velocity, bow_share=settings.bow_share,
     )  # fmt: skip
     if scan.points is not None and scan.keep is not None and chain.config.subtract.method != "none":
         scores |= background_scores(scan.points, scan.keep, truth, margin_m=settings.box_margin_m)

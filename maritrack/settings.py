@@ -176,6 +176,8 @@ class ScoreConfig:
 
     c_m: float = 100.0
     p: float = 2.0
+    distance: Literal["position", "position-velocity"] = "position"  # of OSPA and GOSPA; the latter mixes m and m/s
+    bow_share: float = 0.25  # of a ship's length, over which its outline narrows to a point, for iou
     hold_m: float = 100.0  # a truth object is held by a track within this
     moving_only: bool = False
     max_gap_moving_s: float = 30.0  # truth is interpolated over gaps up to this under way ...
@@ -184,9 +186,15 @@ class ScoreConfig:
     truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
     box_margin_m: float = 0.0  # boxes of vessels are wider by this all around, for fpr and npv
 
+    @property
+    def velocity(self) -> bool:
+        """Whether velocities are a part of distances."""
+        return self.distance == "position-velocity"
+
     def __post_init__(self) -> None:
         require(0 < self.c_m < math.inf, f"score.c_m = {self.c_m} must be greater than 0, and finite")
         require(1 <= self.p <= 20, "score.p is within 1..20")
+        require(0 <= self.bow_share < 1, "score.bow_share is within 0..1")
         require(0 <= self.box_margin_m < math.inf, "score.box_margin_m must not be negative, and finite")
         parse_lags(self.truth_lag_s)
 

@@ -78,7 +78,7 @@ def told(
     settings = chain.config.score
     scores = score_frame(
         frame.truth, tracks, c_m=settings.c_m, p=settings.p, which=reported(tracks, chain.config),
-        unexplained=chain.unexplained,
+        unexplained=chain.unexplained, velocity=settings.velocity, bow_share=settings.bow_share,
     )  # fmt: skip
     clusters, points, keep = scan.clusters, scan.points, scan.keep
     if points is None or keep is None:  # the run did not archive them

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from maritrack.metrics.gospa import gospa_from_distances
+from maritrack.metrics.iou import has_outline, has_shape, pair_ious
 from maritrack.metrics.ospa import ospa_from_distances
 from maritrack.types import BoolArray, FloatArray, Tracks, Truth
 
@@ -51,12 +52,15 @@ class ScoreSums:
     objects: Mapping[str, Hold] = field(default_factory=dict)  # by truth id
 
 
-def truth_distances(truth: Truth, tracks: Tracks) -> FloatArray:
+def truth_distances(truth: Truth, tracks: Tracks, *, velocity: bool = False) -> FloatArray:
     """Distances (n, t) in metres between truth, moved to each track's own time, and tracks.
 
-    A truth object of unknown velocity stays where it is. Up counts where both have it.
+    A truth object of unknown velocity stays where it is. Up counts where both have it. With `velocity` the difference
+    of the velocities is a part of the distance, a metre a second as much as a metre (extended, sec. 4.3); of those
+    of unknown velocity it is not.
     """
-    v = np.where(np.isfinite(truth.velocity_mps).all(axis=1, keepdims=True), truth.velocity_mps, 0.0)
+    told = np.asarray(np.isfinite(truth.velocity_mps).all(axis=1, keepdims=True))
+    v = np.where(told, truth.velocity_mps, 0.0)
     dt_s = (tracks.t_ns - truth.t_ns) * 1e-9
     moved = truth.position_m[:, None] + v[:, None] * dt_s[None, :, None]
     gap = moved - tracks.position_m[None]
@@ -64,6 +68,8 @@ def truth_distances(truth: Truth, tracks: Tracks) -> FloatArray:
         climb = np.where(np.isfinite(truth.vel_up_mps), truth.vel_up_mps, 0.0)
         above = truth.up_m[:, None] + climb[:, None] * dt_s[None, :] - tracks.up_m[None]
         gap = np.concatenate([gap, above[..., None]], axis=2)
+    if velocity:
+        gap = np.concatenate([gap, told[:, None] * (v[:, None] - tracks.velocity_mps[None])], axis=2)
     return np.asarray(np.linalg.norm(gap, axis=2), dtype=np.float64)
 
 
@@ -76,22 +82,33 @@ def score_frame(
     p: float,
     covered: BoolArray | None = None,
     unexplained: bool = False,
+    velocity: bool = False,
+    bow_share: float = 0.25,
 ) -> dict[str, float]:
     """Scores of one frame by name (KEYS), nan all but n_tracks where there is no truth.
 
     Only tracks `which` (t,) and truth objects `covered` (n,) count. gospa_localisation is a p-th
     power, gospa_missed and gospa_false are counts; where truth is known to be incomplete
-    (`unexplained`) the latter is named gospa_unexplained.
+    (`unexplained`) the latter is named gospa_unexplained. `iou`, of the pairs of GOSPA in the mean, is there where
+    ships have outlines, with a bow over `bow_share` of their length, and tracks draw something; nan where no pair has.
+    With `velocity` distances are of position and velocity together.
     """
     names = [("gospa_unexplained" if unexplained and k == "gospa_false" else k) for k in KEYS]
     if truth is None:
         return dict.fromkeys(names, math.nan) | {"n_tracks": float(np.count_nonzero(which))}
-    D = truth_distances(truth, tracks)[:, which]
-    D = D if covered is None else D[covered]
+    rows, cols = np.arange(len(truth)) if covered is None else np.flatnonzero(covered), np.flatnonzero(which)
+    D = truth_distances(truth, tracks, velocity=velocity)[np.ix_(rows, cols)]
     o, g = ospa_from_distances(D, c=c_m, p=p), gospa_from_distances(D, c=c_m, p=p)
     distance = (o.total, o.localisation, o.cardinality, g.total, g.localisation_p)
     values = (*distance, g.n_missed, g.n_false, *D.shape)
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
+    scores = {name: float(value) for name, value in zip(names, values, strict=True)}
+    if has_outline(truth)[rows].any() and has_shape(tracks)[cols].any():
+        ious = pair_ious(
+            truth, tracks, np.stack([rows[g.pairs[:, 0]], cols[g.pairs[:, 1]]], axis=1), bow_share=bow_share
+        )
+        known = np.isfinite(ious)
+        scores["iou"] = float(ious[known].mean()) if known.any() else math.nan
+    return scores
 
 
 def add(sums: ScoreSums, scores: Mapping[str, float]) -> ScoreSums:

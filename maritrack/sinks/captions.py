@@ -109,7 +109,7 @@ def duration(minutes: float) -> str:
 
 def score_title(name: str) -> str:
     """Name of a score in the legend of a plot, with its unit where it has one."""
-    words = name.removeprefix("n_").replace("_", " ")
+    words = "IoU" if name == "iou" else name.removeprefix("n_").replace("_", " ")
     for short in ("gospa", "ospa"):
         words = words.replace(short, short.upper()) if words.startswith(short) else words
     return f"{words} [{score_unit(name)}]" if score_unit(name) else words

@@ -135,7 +135,8 @@ def _named(parts: Sequence[Stored], names: Names, config: Config) -> list[Stored
         truth = decode_truth(parts[at["/truth"]].data) if "/truth" in at else None
         anew = score_frame(
             truth, tracks, which=reported(tracks, config), c_m=config.score.c_m, p=config.score.p,
-            unexplained="gospa_unexplained" in scores,
+            unexplained="gospa_unexplained" in scores, velocity=config.score.velocity,
+            bow_share=config.score.bow_share,
         )  # fmt: skip
         result[at["/scores"]] = message._replace(data=encode_scores(scores | anew))
     return result
