@@ -9,11 +9,13 @@ import typer
 
 from . import render
 
-HELP = """Tracks, points and clusters of a run as CSV, tracks as GeoJSON. "-" is standard output.
+HELP = """Tracks, points and clusters of a run as CSV, tracks and their outlines as GeoJSON. "-" is standard output.
 
 Examples:
 
     maritrack export run.mcap --tracks tracks.csv --geojson tracks.geojson
+
+    maritrack export run.mcap --outlines hulls.geojson --moving
 
     maritrack export run.mcap --tracks - --moving | column -s, -t | less -S
 """
@@ -31,6 +33,9 @@ def export(
     points: Annotated[Path | None, typer.Option("--points", help="CSV, a row a detected point.")] = None,
     clusters: Annotated[Path | None, typer.Option("--clusters", help="CSV, a row a cluster.")] = None,
     geojson: Annotated[Path | None, typer.Option("--geojson", help="A line a track, in degrees.")] = None,
+    outlines: Annotated[
+        Path | None, typer.Option("--outlines", help="A polygon a track and scan: GeoJSON, or WKT in a .csv.")
+    ] = None,
     moving: Annotated[bool, typer.Option("--moving", help="Only tracks under way.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No notes.")] = False,
 ) -> None:
@@ -39,10 +44,12 @@ def export(
     from maritrack.replay import archive_path
 
     path = archive_path(run)
-    done = write(path, tracks=tracks, points=points, clusters=clusters, geojson=geojson, moving=moving)
+    done = write(
+        path, tracks=tracks, points=points, clusters=clusters, geojson=geojson, outlines=outlines, moving=moving
+    )
     for damage in done.damage:
         render.note(f"warning: {path}: {damage.message}")
-    targets = {"tracks": tracks, "points": points, "clusters": clusters, "geojson": geojson}
+    targets = {"tracks": tracks, "points": points, "clusters": clusters, "geojson": geojson, "outlines": outlines}
     for name, count in done.rows.items():
         if str(targets[name]) != "-":
             render.note(f"{targets[name]}: {count} {name if name != 'geojson' else 'tracks'}", quiet=quiet)

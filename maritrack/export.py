@@ -1,4 +1,4 @@
-"""Tracks, points and clusters of an archive as CSV, tracks as GeoJSON: for spreadsheets and maps.
+"""Tracks, points and clusters of an archive as CSV, tracks and their outlines as GeoJSON: for spreadsheets and maps.
 
 Times are UNIX seconds, or seconds of day where the recording has no date. Orientation is clockwise
 from North: 0..360 where the speed tells bow from stern, else 0..180. Unknown is empty.
@@ -22,6 +22,7 @@ import numpy as np
 from maritrack.errors import InputError, UsageError
 from maritrack.geo import en_to_geodetic
 from maritrack.io.archive import ArchivedScan, iter_results, read_archive
+from maritrack.outlines import Polygons
 from maritrack.types import STATUS, Damage, FloatArray, IntArray, Origin
 
 STDOUT = Path("-")
@@ -58,35 +59,38 @@ def export(
     points: Path | None = None,
     clusters: Path | None = None,
     geojson: Path | None = None,
+    outlines: Path | None = None,
     moving: bool = False,
 ) -> Exported:
     """Write what is asked for; "-" is the standard output. `moving`: only rows of tracks that move then.
 
-    Points outside of any cluster have cluster -1, points that background subtraction removed none.
-    UsageError where the call makes no sense, InputError where the archive lacks what is asked for.
+    Outlines are polygons in degrees, or in a file that ends in .csv WKT in metres east and north. Points outside of any
+    cluster have cluster -1, points that background subtraction removed none. UsageError where the call makes no sense,
+    InputError where the archive lacks what is asked for.
     """
-    targets = {"tracks": tracks, "points": points, "clusters": clusters, "geojson": geojson}
+    targets = {"tracks": tracks, "points": points, "clusters": clusters, "geojson": geojson, "outlines": outlines}
     asked = {name: target for name, target in targets.items() if target is not None}
     if not asked:
-        raise UsageError("nothing to export", "say --tracks, --points, --clusters or --geojson FILE")
+        raise UsageError("nothing to export", "say --tracks, --points, --clusters, --geojson or --outlines FILE")
     if sum(target == STDOUT for target in asked.values()) > 1:
         raise UsageError("only one export can go to the standard output")
     archive = read_archive(path)
     origin = archive.manifest.origin
     if points is not None and not archive.points:
         raise UsageError(f"{path}: the run was archived without its points")
-    if geojson is not None and origin is None:
+    table = outlines is not None and outlines.suffix.lower() == ".csv"
+    if origin is None and (geojson is not None or (outlines is not None and not table)):
         raise UsageError(f"{path}: the run has no origin, so there is no latitude and longitude for GeoJSON")
     damage: list[Damage] = []
     with ExitStack() as stack:
         files = {name: stack.enter_context(_atomic(target)) for name, target in asked.items()}
         with np.errstate(all="ignore"):  # a number that leads nowhere becomes nan, and nan stays empty
-            rows = _export(iter_results(path, on_damage=damage.append), files, origin, moving=moving)
+            rows = _export(iter_results(path, on_damage=damage.append), files, origin, moving=moving, table=table)
     return Exported(rows, tuple(damage))
 
 
 def _export(
-    scans: Iterator[ArchivedScan], files: Mapping[str, TextIO], origin: Origin | None, *, moving: bool
+    scans: Iterator[ArchivedScan], files: Mapping[str, TextIO], origin: Origin | None, *, moving: bool, table: bool
 ) -> dict[str, int]:
     """Write all rows; how many there were."""
     kinds: dict[str, tuple[Any, Callable[[ArchivedScan], list[Any]]]] = {
@@ -96,6 +100,7 @@ def _export(
     }
     rows = dict.fromkeys(files, 0)
     lines: dict[int, _Line] = {}
+    polygons = Polygons(files["outlines"], origin, table=table) if "outlines" in files else None
     for name, (kind, _) in kinds.items():
         if name in files:
             files[name].write(",".join(column for column, _ in kind) + "\n")
@@ -103,6 +108,8 @@ def _export(
         for name, file in files.items():
             if name == "geojson":
                 _extend(lines, scan, origin, moving=moving)
+            elif polygons is not None and name == "outlines":
+                polygons.write(scan, moving=moving)
             else:
                 columns = kinds[name][1](scan)
                 rows[name] += len(columns[0])
@@ -110,6 +117,9 @@ def _export(
     if "geojson" in files:
         rows["geojson"] = len(lines)
         _write_lines(files["geojson"], lines)
+    if polygons is not None:
+        polygons.end()
+        rows["outlines"] = polygons.count
     return rows
 
 

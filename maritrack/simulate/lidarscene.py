@@ -18,7 +18,7 @@ from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.simulate.lidar import Boat, Lidar, sweep
 from maritrack.simulate.pointscene import write_octets
 from maritrack.simulate.vessels import State
-from maritrack.types import Points, Scan, Sensor
+from maritrack.types import Origin, Points, Scan, Sensor
 
 KEY = 12  # of the random numbers of these scenes
 
@@ -35,6 +35,8 @@ class LidarScene:
     east_m: float = 0.0  # of the platform
     north_m: float = 0.0
     heading_deg: float = 0.0
+    lat_deg: float = math.nan  # of the origin, where there is one
+    lon_deg: float = math.nan
 
     def __post_init__(self) -> None:
         if self.scans < 1 or not self.period_s > 0.0:
@@ -49,6 +51,11 @@ class LidarScene:
     def place_m(self) -> np.ndarray:
         """Of the platform (2,)."""
         return np.array([self.east_m, self.north_m])
+
+    @property
+    def origin(self) -> Origin | None:
+        """Where east = north = 0 is, None where the scene does not say."""
+        return None if math.isnan(self.lat_deg + self.lon_deg) else Origin(self.lat_deg, self.lon_deg)
 
     def mount(self, lidar: Lidar) -> Mount:
         """Where a LiDAR is aboard."""
@@ -134,7 +141,9 @@ def simulate_lidar(
         for lidar in scene.lidar
     }  # fmt: skip
     reference = reference_of(scene, n_scans)
-    octets = write_points(written, frame="polar", sensors=sensors, mounts=mounts, reference=reference)
+    octets = write_points(
+        written, frame="polar", origin=scene.origin, sensors=sensors, mounts=mounts, reference=reference
+    )  # fmt: skip
     write_octets(out, octets)
     points = sum(len(scan.points) for scan in written if scan.points is not None)
     return {
