@@ -29,10 +29,17 @@ def _engm(plan: Plan, tick: Tick | None) -> Report:
     return reproduce(plan, tick)
 
 
+def _extended(plan: Plan, tick: Tick | None) -> Report:
+    from maritrack.reproduce.extended import reproduce
+
+    return reproduce(plan, tick)
+
+
 REPRODUCTIONS: dict[str, Experiment] = {  # by key of the paper; each imports what it needs when it is called
     "polar": _polar,
     "abs": _abs,
     "engm": _engm,
+    "extended": _extended,
 }
 
 
