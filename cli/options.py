@@ -43,7 +43,7 @@ Date = Annotated[str, given("--date", "Day of recordings that tell the time of d
 Stabilised = Annotated[str, given("--stabilised", "Azimuths count from north or from the head.")]
 AzimuthEdge = Annotated[str, given("--azimuth-edge", "Edge of the azimuth: start, centre, end.")]
 SensorsFile = Annotated[Path | None, given("--sensors", "TOML with these settings for each sensor.")]
-Sensor = Annotated[str, given("--sensor", "Only this sensor: SAC-SIC, radar or lidar.")]
+Sensor = Annotated[str, given("--sensor", "Only this sensor: SAC-SIC, radar, lidar or radar+lidar.")]
 Limit = Annotated[int | None, given("--limit", "At most so many scans; 0 = all.")]
 Out = Annotated[Path | None, output("--out", "-o", "Folder for run.rrd, run.mcap, summary.json.")]
 Json = Annotated[bool, display("--json", "One JSON document on standard output.")]

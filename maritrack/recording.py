@@ -283,7 +283,7 @@ class _Place:
         if kind == "points":
             return PointSource(octets, settings, strict=self.strict)
         if kind == "autoferry":
-            return AutoferrySource(octets, settings, strict=self.strict)
+            return AutoferrySource(octets, settings, sensors=self.sensors, strict=self.strict)
         if kind == "plots":
             pose = self._pose(settings)
             return PlotSource(octets, settings, pose=pose, origin=self.origin, strict=self.strict)

@@ -31,7 +31,7 @@ MOST_LATE_S = 1e6  # eleven days: what is later is of another recording
 class InputConfig:
     """Where the sensor is and how its numbers are to be read."""
 
-    sensor: str = ""  # which of several: "7-42" (SAC-SIC), "radar", "lidar"; "" = all (Autoferry: radar)
+    sensor: str = ""  # which of several: "7-42" (SAC-SIC), "radar", "lidar"; "" = all (Autoferry: radar; radar+lidar)
     stream: str = ""  # of a capture: ADDRESS, ADDRESS:PORT or :PORT of either end; "" = all that hold CAT240
     date: str = ""  # ISO day of recordings that tell the time of day only
     lat_deg: float = NAN  # of a fixed radar

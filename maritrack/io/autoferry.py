@@ -32,19 +32,29 @@ MAT5 = b"MATLAB 5.0 MAT-file"
 
 
 class AutoferrySource:
-    """The scans of the radar (or the lidar, by `config.sensor`) as frames in order of time.
+    """The scans of the radar, the lidar or both ("radar+lidar") by `config.sensor`, as frames in order of time.
 
-    `reference` is the truth inside of a .mat file; of JSON it lies in a file beside. Raises InputError
-    for what is not such a file, ConfigError for a sensor that it can't have.
+    `sensors` has settings of one of them by its name, in place of `config`. `reference` is the truth inside of a .mat
+    file; of JSON it lies in a file beside. Raises InputError for what is not such a file, ConfigError for a sensor
+    that it can't have.
     """
 
     kind = "autoferry"
     origin: Origin | None = ORIGIN
 
-    def __init__(self, octets: Octets, config: InputConfig, *, strict: bool = False) -> None:
-        self._sensor = config.sensor or "radar"
-        if self._sensor not in SENSORS:
-            raise ConfigError(f"input.sensor = '{self._sensor}': Autoferry has radar and lidar")
+    def __init__(
+        self,
+        octets: Octets,
+        config: InputConfig,
+        *,
+        sensors: Mapping[str, InputConfig] | None = None,
+        strict: bool = False,
+    ) -> None:
+        wanted = (config.sensor or "radar").split("+")
+        if not set(wanted) <= set(SENSORS):
+            hint = "input.sensor = radar, lidar or radar+lidar"
+            raise ConfigError(f"input.sensor = '{config.sensor}': Autoferry has radar and lidar", hint)
+        told = {name: (sensors or {}).get(name, config) for name in wanted}
         self.unclaimed: tuple[Damage, ...] = ()
         self._octets, self._strict = octets, strict
         data = whole(octets)
@@ -52,7 +62,7 @@ class AutoferrySource:
             detections, truth = _document(data)
             if detections is None:
                 raise InputError("ground truth alone, no detections")
-            self._pieces = list(_pieces(detections, data, sensor=self._sensor, config=config))
+            self._pieces = list(_pieces(detections, data, sensors=told))
             self.reference = None if truth is None else _reference(truth)
 
     def frames(self) -> Iterator[Frame]:
@@ -90,11 +100,16 @@ def _mat(data: bytes) -> tuple[Sequence[Any] | None, Sequence[Any] | None]:
     return detections, truth
 
 
-def _pieces(detections: Sequence[Any], data: bytes, *, sensor: str, config: InputConfig) -> Iterator[Piece]:
-    """The scans of one sensor by time."""
+def _pieces(detections: Sequence[Any], data: bytes, *, sensors: Mapping[str, InputConfig]) -> Iterator[Piece]:
+    """The scans of these sensors, each with its settings, by time; a record of another sensor is none."""
     tables = [(table_of(row, where=f"detections[{i}]"), f"detections[{i}]") for i, row in enumerate(detections)]
-    mine = [(table, where) for table, where in tables if table.get("sensorID") == SENSORS[sensor]]
-    pieces = [_piece(table, where=where, sensor=sensor, config=config) for table, where in mine]
+    name_of = {SENSORS[name]: name for name in sensors}
+    pieces = []
+    for table, where in tables:
+        number = table.get("sensorID")
+        if type(number) in (int, float) and number in name_of:
+            name = name_of[int(number)]
+            pieces.append(_piece(table, where=where, sensor=name, config=sensors[name]))
     pieces.sort(key=lambda piece: 0 if piece.scan is None else piece.scan.t_ns)
     yield Piece(data)
     yield from pieces

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from maritrack.io.autoferry import ORIGIN, AutoferrySource, autoferry_truth
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.reference import truth_at
 from maritrack.settings import InputConfig
+from tests.cli.calling import call
 from tests.shared import ROOT, shared
 
 RADAR = InputConfig(sensor="radar")
@@ -63,6 +65,31 @@ def test_scans_of_one_sensor_come_in_order_of_time():
     assert [f.t_ns / 1e9 for f in source(entries).frames()] == [1.5, 3.0]
     assert [f.t_ns / 1e9 for f in source(entries, InputConfig()).frames()] == [1.5, 3.0]
     assert [f.t_ns / 1e9 for f in source(entries, InputConfig(sensor="lidar")).frames()] == [1.0, 1.2]
+
+
+def test_radar_and_lidar_in_one_run_have_settings_of_their_own():
+    entries = [entry(t, [t, 0.0], sensor=s) for t, s in ((3.0, 2), (1.0, 1), (2.0, 4), (1.5, 2))]
+    both = InputConfig(sensor="radar+lidar", sigma_m=1.0)
+    data = octets_from_bytes(json.dumps(entries).encode(), name="rec", channel="/input/autoferry")
+    lidar = InputConfig(sigma_m=3.0, latency_s=0.5, roi_max_m=80.0)
+    frames = list(AutoferrySource(data, both, sensors={"lidar": lidar}).frames())
+    assert [(f.scan.sensor.id, f.t_ns / 1e9) for f in frames] == [("lidar", 1.0), ("radar", 1.5), ("radar", 3.0)]
+    assert [f.scan.sensor.max_range_m for f in frames] == [80.0, math.inf, math.inf]
+    assert [f.scan.points.t_ns[0] / 1e9 for f in frames] == [0.5, 1.5, 3.0]
+    assert [f.scan.points.cov_m2[0, 0, 0] for f in frames] == pytest.approx([9.0, 1.0, 1.0])
+    with pytest.raises(ConfigError, match="radar and lidar") as caught:
+        AutoferrySource(data, InputConfig(sensor="radar+sonar"))
+    assert caught.value.hint == "input.sensor = radar, lidar or radar+lidar"
+
+
+def test_the_sample_with_both_sensors_is_processed_and_replayed(tmp_path):
+    out, sensors = tmp_path / "run", SAMPLE.with_name("autoferry.sensors.toml")
+    done = call(
+        "process", SAMPLE, "-p", "autoferry-fused", "--sensors", sensors, "--truth", SAMPLE_TRUTH, "--no-rrd",
+        "-o", out, "--json",
+    ).json  # fmt: skip
+    assert done["counts"]["scans"] == 232 + 69 and done["metrics"]["gospa"] < 9.0
+    assert call("replay", out / "run.mcap", "--verify", "--no-rrd").code == 0
 
 
 def test_the_first_frame_carries_the_octets():
