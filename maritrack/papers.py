@@ -23,8 +23,10 @@ PAPERS = {
     "abs": "Unsupervised Adaptive Background Subtraction in Distributed Radar Target Tracking Systems (Fowdur, Eksen,"
     " Paes Moreira, Banys)",
     "engm": "Kernel-Based Ensemble Gaussian Mixture Probability Hypothesis Density Filter (Durant, Zanetti)",
+    "extended": "Comparing Multiple Extended Object Tracking with Point Based Multi Object Tracking for LiDAR in a"
+    " Maritime Context (Baerveldt, Hem, Brekke)",
 }
-DONE = ("polar", "engm")  # papers all of whose numbered equations have a home
+DONE = ("polar", "engm", "extended")  # papers all of whose numbered equations have a home
 
 _MEANING = {
     "polar-1": "a detection at range and azimuth on the plane",
@@ -86,6 +88,10 @@ _MEANING = {
     "engm-43": "experiment: clutter uniform in a box of space",
     "engm-44": "experiment: mean of the births",
     "engm-45": "experiment: covariance of the births",
+    "extended-1": "state of a hull: centre, heading, velocities, radius at equidistant angles",
+    "extended-2": "its motion and measurement, all points of a scan stacked",
+    "extended-3": "a point on the contour: centre and radius at its angle",
+    "extended-4": "the angle of a point in the frame of the hull, which depends on centre and heading",
 }
 
 _KEY = r"[a-z]+-[a-z0-9]+"

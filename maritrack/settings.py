@@ -1,6 +1,6 @@
 """Every setting of a run: frozen dataclasses nested like the line of data. `maritrack.config` loads them.
 
-Those of trackers are in `maritrack.tracksettings` and `maritrack.intensitysettings`.
+Those of trackers are in `maritrack.tracksettings`, `maritrack.intensitysettings` and `maritrack.contoursettings`.
 A number that no paper gives carries `# assumed: why` in its preset.
 """
 
@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from maritrack.contoursettings import ContourConfig, PmbmConfig
 from maritrack.errors import ConfigError
 from maritrack.intensitysettings import IntensityConfig
 from maritrack.limits import in_unit, positive, require
@@ -230,5 +231,7 @@ class Config:
     intensity: IntensityConfig = field(default_factory=IntensityConfig)
     smooth: SmoothConfig = field(default_factory=SmoothConfig)
     pakf: PakfConfig = field(default_factory=PakfConfig)
+    pmbm: PmbmConfig = field(default_factory=PmbmConfig)
+    contour: ContourConfig = field(default_factory=ContourConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

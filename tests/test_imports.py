@@ -11,7 +11,7 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings"}
+BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings", "contoursettings"}
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
@@ -23,7 +23,8 @@ BELOW = {  # what each part of the package may import besides itself
     "limits": {"errors"},
     "tracksettings": {"errors", "limits"},
     "intensitysettings": {"errors", "limits"},
-    "settings": {"errors", "limits", "tracksettings", "intensitysettings"},
+    "contoursettings": {"errors", "limits"},
+    "settings": {"errors", "limits", "tracksettings", "intensitysettings", "contoursettings"},
     "config": {"errors", "settings"},
     "objects": BASE | {"geo"},
     "associate": BASE,
