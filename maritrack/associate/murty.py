@@ -7,6 +7,7 @@ did, and the rows before it must. The best of a part is an assignment problem.
 from __future__ import annotations
 
 import heapq
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +25,10 @@ class Best(NamedTuple):
     gain: FloatArray  # (k,) sum over the rows
 
 
-def k_best(log_pair: FloatArray, log_none: FloatArray, k: int) -> Best:
+def k_best(log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = math.inf) -> Best:
     """Of all pairings of rows (l,) and columns (s,) the k of largest gain, or all of them where there are fewer.
+
+    What is worse than the best by more than `span` is left out.
 
     The gain of a row is log_pair (l, s), -inf = never, or log_none (l,), which is finite. Ties are in an order that the
     numbers of rows and columns decide.
@@ -33,6 +36,8 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int) -> Best:
     n_rows, n_cols = log_pair.shape
     if n_rows == 0 or k < 1:
         return Best(np.zeros((min(max(k, 0), 1), 0), np.int64), np.zeros(min(max(k, 0), 1)))
+    if n_rows == 1:
+        return _of_one_row(np.append(log_pair[0], log_none), k, span)
     table = np.full((n_rows, n_cols + n_rows), -np.inf)
     table[:, :n_cols] = log_pair
     table[np.arange(n_rows), n_cols + np.arange(n_rows)] = log_none
@@ -45,6 +50,8 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int) -> Best:
     made = 1
     while waiting and len(found) < k:
         negative, _, table, column, fixed = heapq.heappop(waiting)
+        if gains and -negative < gains[0] - span:
+            break
         found.append(column)
         gains.append(-negative)
         part = table.copy()
@@ -60,6 +67,12 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int) -> Best:
             part[row, column[row]] = kept
     chosen = np.array(found, np.int64).reshape(-1, n_rows)
     return Best(np.where(chosen < n_cols, chosen, NONE), np.array(gains))
+
+
+def _of_one_row(gain: FloatArray, k: int, span: float) -> Best:
+    order = np.argsort(-gain, kind="stable")[:k]
+    order = order[np.isfinite(gain[order]) & (gain[order] >= gain[order[0]] - span)]
+    return Best(np.where(order < len(gain) - 1, order, NONE)[:, None], gain[order])
 
 
 def _best(table: FloatArray) -> tuple[float, IntArray] | None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from maritrack.settings import Config
-from maritrack.trackers import engm_phd, smc_phd
+from maritrack.trackers import engm_phd, pmbm, smc_phd
 from maritrack.trackers.gm_phd import GmPhd
 from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
@@ -35,4 +35,5 @@ TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "gm-phd": GmPhd,
     "smc-phd": smc_phd.tracker,
     "engm-phd": engm_phd.tracker,
+    "giw-pmbm": pmbm.giw_pmbm,
 }

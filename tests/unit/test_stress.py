@@ -20,7 +20,8 @@ from tests.unit.scans import LIST_TRACKERS
 TURN_S, CELL_M, CELL_RAD, SCANS = 2.5, 7.5, 2 * np.pi / 2048, 64
 PATIENT = ("model.p_detect=0.6", "model.p_survive=0.999", "tracker.delete_misses=14", "tracker.delete_existence=0.005",
            "sprt.beta=0.01", "phd.p_survive_scan=0.999", "phd.prune_weight=1e-5", "phd.hold_scans=14",
-           "intensity.p_survive_scan=0.999", "intensity.prune_weight=1e-5", "intensity.hold_scans=14")  # fmt: skip
+           "intensity.p_survive_scan=0.999", "intensity.prune_weight=1e-5", "intensity.hold_scans=14",
+           "pmbm.extract_existence=0.0", "pmbm.prune_existence=1e-5")  # fmt: skip
 STEADY = [name for name in TRACKERS if name != "smc-phd"]  # its particles lose an object now and then
 each_tracker = pytest.mark.parametrize("name", STEADY)
 each_seed = pytest.mark.parametrize("seed", range(3))
