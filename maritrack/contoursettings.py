@@ -61,8 +61,9 @@ class PmbmConfig:
     extract_existence: float = 0.5  # extended, sec. 4.2
     p_survive_scan: float = 0.0  # in a scan that moves the clock; 0 = model.p_survive, a second
     group_limit: int = 40  # tracks and clusters of a larger group are merged, their shares by belief propagation
+    most_searched: int = 4  # hypotheses of a group whose associations of points are searched; others have whole cells
     iterations: int = 50  # of the stochastic optimisation, for each point
-    sample_moves: int = 200  # at most so many changes of one association
+    sample_moves: int = 40  # at most so many changes of one association
     partition_eps_m: tuple[float, ...] = (1.0, 2.0, 4.0)  # distances that cut points into cells, beside the clusters
     rate_shape: float = 20.0  # points of a new object: gamma, shape ...
     rate_scale: float = 2.0  # ... and inverse scale; their ratio is the mean
@@ -77,7 +78,14 @@ class PmbmConfig:
     def __post_init__(self) -> None:
         for name in ("prune_hypothesis", "prune_existence", "prune_poisson", "extract_existence", "p_survive_scan"):
             in_unit(f"pmbm.{name}", getattr(self, name))
-        counts = ("most_hypotheses", "most_children", "most_poisson", "group_limit", "birth_components")
+        counts = (
+            "most_hypotheses",
+            "most_children",
+            "most_poisson",
+            "group_limit",
+            "birth_components",
+            "most_searched",
+        )
         for name in counts:
             require(getattr(self, name) >= 1, f"pmbm.{name} starts at 1")
         require(self.iterations >= 0 and self.sample_moves >= 0, "pmbm: iterations must not be negative")

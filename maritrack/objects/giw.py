@@ -226,7 +226,7 @@ def update(d: Giw, clusters: Clusters, pairs: Pairs, beta: FloatArray, beta0: Fl
     P = (P + P.transpose(0, 2, 1)) / 2
     if model.extent == "point":
         return replace(d, x=x, P=P)
-    X_pair, alpha_pair = _extent_update(d, clusters, pairs, model)
+    X_pair, alpha_pair = extent_update(d, clusters, pairs, model)
     rows = np.concatenate([X_pair.reshape(-1, 4), alpha_pair[:, None]], axis=1) * beta[:, None]
     sums = segment_sums(pairs.i, rows, n)
     X = beta0[:, None, None] * d.X + sums[:, :4].reshape(n, 2, 2)
@@ -234,7 +234,7 @@ def update(d: Giw, clusters: Clusters, pairs: Pairs, beta: FloatArray, beta0: Fl
     return Giw(x, P, X, np.minimum(beta0 * d.alpha + sums[:, 4], model.alpha_max))
 
 
-def _extent_update(d: Giw, clusters: Clusters, pairs: Pairs, model: ModelConfig) -> tuple[FloatArray, FloatArray]:
+def extent_update(d: Giw, clusters: Clusters, pairs: Pairs, model: ModelConfig) -> tuple[FloatArray, FloatArray]:
     """Extent (k, 2, 2) and degrees of freedom (k,) of each pair's single update.
 
     The scatter has n (1 - sum w^2) degrees of freedom (n - 1 with equal weights), the innovation one more.

@@ -36,4 +36,5 @@ TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "smc-phd": smc_phd.tracker,
     "engm-phd": engm_phd.tracker,
     "giw-pmbm": pmbm.giw_pmbm,
+    "gp-pmbm": pmbm.gp_pmbm,
 }

@@ -40,8 +40,8 @@ class Evidence(Protocol):
     j: IntArray  # (k,) element in its gate
     n_elements: int
 
-    def children(self, rows: IntArray, elements: IntArray) -> Children:
-        """Associations of rows (t,), -1 = not there, with the elements of their group."""
+    def children(self, rows: IntArray, elements: IntArray, *, thorough: bool) -> Children:
+        """Associations of rows (t,), -1 = not there, with the elements of their group; the best ones without search."""
 
     def crowd(self, rows: IntArray, elements: IntArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray] | None:
         """Marginals of a group in place of its associations: row, cell and share of pairs, share missed (t,)."""
@@ -167,7 +167,8 @@ def _group(members: Sequence[Factor], elements: IntArray, evidence: Evidence, ru
     for weight, row in zip(factor.log_w.tolist(), factor.row, strict=True):
         children = known.get(row.tobytes())
         if children is None:
-            children = known[row.tobytes()] = evidence.children(row, elements)
+            thorough = len(known) < rules.most_searched
+            children = known[row.tobytes()] = evidence.children(row, elements, thorough=thorough)
         there = row >= 0
         least = weight + float(evidence.log_miss[row[there]].sum())
         for k, total in enumerate(children.log_w.tolist()):

@@ -71,8 +71,8 @@ class ClusterEvidence:
         """The tracks with the clutter of one more scan."""
         return steps.with_clutter(shown, self.clusters, unexplained, self.scan, self.config)
 
-    def children(self, rows: IntArray, elements: IntArray) -> Children:
-        """The best assignments of clusters to rows."""
+    def children(self, rows: IntArray, elements: IntArray, *, thorough: bool) -> Children:
+        """The best assignments of clusters to rows, which need no search."""
         rules = self.config.pmbm
         gain = np.full((len(rows), len(elements)), -np.inf)
         for t, row in enumerate(rows.tolist()):
@@ -142,7 +142,7 @@ class ClusterEvidence:
 
 
 def look(
-    rows: Bernoullis, poisson: Bernoullis, scan: Scan, points: Points, clusters: Clusters, config: Config
+    rows: Bernoullis, poisson: Bernoullis, scan: Scan, points: Points, clusters: Clusters, config: Config, k: int = 0
 ) -> ClusterEvidence:
     """Rows and Poisson components at the beam's time, and what the clusters in their gates say.
 

@@ -10,15 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from maritrack.errors import ConfigError
+from maritrack.objects import contour
 from maritrack.settings import Config
-from maritrack.trackers import association, bernoullis, clusterevidence, hypotheses, steps, tracklist, undetected
+from maritrack.trackers import (
+    association,
+    bernoullis,
+    clusterevidence,
+    hypotheses,
+    pointevidence,
+    steps,
+    tracklist,
+    undetected,
+)
 from maritrack.trackers.association import Outcome
 from maritrack.trackers.bernoullis import Bernoullis
 from maritrack.trackers.hypotheses import Factor
+from maritrack.trackers.pointmodels import HullModel, MatrixModel
 from maritrack.trackers.steps import Info
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import TENTATIVE, BoolArray, Clusters, FloatArray, IntArray, Points, Scan, Tracks
@@ -43,7 +56,12 @@ class Pmbm:
 
     config: Config
     look: Look = clusterevidence.look
-    states: int = 0  # of a hull
+    hull: bool = False  # tracks draw it
+
+    @property
+    def states(self) -> int:
+        """Of a hull."""
+        return contour.FIXED + self.config.contour.angles if self.hull else 0
 
     def init(self) -> PmbmState:
         """Nobody seen, nobody expected."""
@@ -53,7 +71,7 @@ class Pmbm:
         """Predict, put the scan to all hypotheses, prune, judge motion, end tracks."""
         config, rules = self.config, self.config.pmbm
         state = still_known(state, scan, config)
-        evidence = self.look(state.rows, state.poisson, scan, points, clusters, config)
+        evidence = self.look(state.rows, state.poisson, scan, points, clusters, config, state.k)
         outcome = association.associate(state.factors, evidence, rules)
         outcome.alone += [outcome.ledger.birth(cell) for cell in evidence.free().tolist()]
         rows, factors, explained, parent = made(outcome, evidence, state.rows.tracks.next_id)
@@ -80,7 +98,10 @@ class Pmbm:
         _, best = hypotheses.probability(state.factors, len(state.rows))
         tracks = tracklist.estimate(shown, self.config.tracker)
         there = best[row] & (state.rows.tracks.existence[row] > self.config.pmbm.extract_existence)
-        return replace(tracks, status=np.where(there, tracks.status, TENTATIVE))
+        tracks = replace(tracks, status=np.where(there, tracks.status, TENTATIVE))
+        if not self.hull:
+            return tracks
+        return replace(tracks, contour_m=tuple(contour.polygon(state.rows.x[row], self.config.contour)))
 
 
 def still_known(state: PmbmState, scan: Scan, config: Config) -> PmbmState:
@@ -191,5 +212,21 @@ def pruned(
 
 
 def giw_pmbm(config: Config) -> Pmbm:
-    """Objects on random matrices."""
-    return Pmbm(config)
+    """Objects on random matrices: of clusters, or of points."""
+    if config.pmbm.measurement == "clusters":
+        return Pmbm(config)
+    _of_points(config)
+    if config.model.extent == "point":
+        raise ConfigError("pmbm.measurement = 'points' asks for model.extent = 'random-matrix'")
+    return Pmbm(config, partial(pointevidence.look, model=MatrixModel(config)))
+
+
+def gp_pmbm(config: Config) -> Pmbm:
+    """Hulls with a contour by a Gaussian process, of points whatever `pmbm.measurement` says."""
+    _of_points(config)
+    return Pmbm(config, partial(pointevidence.look, model=HullModel(config)), hull=True)
+
+
+def _of_points(config: Config) -> None:
+    if config.model.clutter != "fixed" or config.clutter_map.method != "none":
+        raise ConfigError("the clutter of points is not learned: model.clutter = 'fixed', clutter_map.method = 'none'")
