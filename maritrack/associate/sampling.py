@@ -41,32 +41,37 @@ class Visited(NamedTuple):
 
     slot: IntArray  # (m, n) of each point, -1 = clutter
     log_w: FloatArray  # (m,) against all clutter
+    spent: IntArray  # (m,) iterations in each
 
 
 def sample(
     slots: Slots, start: IntArray, cell: IntArray, z: FloatArray, *, iterations: int, most_moves: int, most: int,
-    rng: np.random.Generator,
+    rng: np.random.Generator, block_share: float = BLOCK_SHARE,
 ) -> Visited:  # fmt: skip
-    """Associations that a chain from `start` (n,) visits; `cell` (n,) and place z (n, 2) say what blocks there are."""
+    """Associations that a chain from `start` (n,) visits; `cell` (n,) and place z (n, 2) say what blocks there are.
+
+    With block_share = 0 it is Gibbs sampling, whose time in a state tends to the state's probability.
+    """
     state = start.copy()
     n, s = len(state), len(slots.log_base)
-    seen = {state.tobytes(): (totals(slots, np.arange(s), _masks(state, s)).sum(), state.copy())}
-    spent, gain = 0, np.full((n, s + 1), 0.0)
-    stale = np.arange(s)
+    log_w = {state.tobytes(): float(totals(slots, np.arange(s), _masks(state, s)).sum())}
+    spent = dict.fromkeys(log_w, 0)
+    left, gain, stale = iterations, np.zeros((n, s + 1)), np.arange(s)
     for _ in range(most_moves):
         gain[:, stale] = gains(slots, stale, _masks(state, s)[stale]).T
         share = _softmax(gain)
         own = np.where(state >= 0, state, s)
         leave = 1.0 - share[np.arange(n), own]
-        blocks, accept, to = _blocks(slots, state, cell, z)
-        rate = (1.0 - BLOCK_SHARE) * leave.mean() + (BLOCK_SHARE * accept.mean() if len(accept) else 0.0)
-        if rate <= 1e-12:
-            break
-        spent += int(min(rng.geometric(min(rate, 1.0)), 1 << 40))
-        if spent > iterations:
+        blocks, accept, to = _blocks(slots, state, cell, z) if block_share > 0 else ([], np.zeros(0), own[:0])
+        by_point = (1.0 - block_share) * leave.mean()
+        rate = by_point + (block_share * accept.mean() if len(accept) else 0.0)
+        stays = min(int(rng.geometric(min(rate, 1.0))), left + 1) if rate > 1e-12 else left + 1
+        spent[state.tobytes()] += min(stays, left)
+        left -= stays
+        if left < 0:
             break
         before = state.copy()
-        if rng.random() * rate < (1.0 - BLOCK_SHARE) * leave.mean():
+        if rng.random() * rate < by_point:
             i = int(rng.choice(n, p=leave / leave.sum()))
             p = share[i].copy()
             p[own[i]] = 0.0
@@ -77,11 +82,14 @@ def sample(
             state[blocks[k]] = to[k]
         touched = np.unique(np.concatenate([before[before != state], state[before != state]]))
         stale = touched[touched >= 0]
-        key = state.tobytes()
-        if key not in seen:
-            seen[key] = (totals(slots, np.arange(s), _masks(state, s)).sum(), state.copy())
-    found = sorted(seen.values(), key=lambda one: -one[0])[:most]
-    return Visited(np.array([one[1] for one in found]), np.array([one[0] for one in found]))
+        if state.tobytes() not in log_w:
+            log_w[state.tobytes()] = float(totals(slots, np.arange(s), _masks(state, s)).sum())
+            spent[state.tobytes()] = 0
+    found = sorted(log_w, key=lambda key: -log_w[key])[:most]
+    rows = [np.frombuffer(key, start.dtype) for key in found]
+    return Visited(
+        np.array(rows), np.array([log_w[key] for key in found]), np.array([spent[key] for key in found], np.int64)
+    )
 
 
 def _masks(state: IntArray, s: int) -> BoolArray:
