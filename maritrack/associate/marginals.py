@@ -23,7 +23,8 @@ MIN_MISSED = 1e-12  # least W_t0: with P_D P_G r = 1 a track without measurement
 SMALL_COLS = ((1, 3), (4, 6))  # groups whose shorter side is within a range are solved together ...
 SMALL_ROWS = 12  # ... if the longer one is not above this
 MAX_ORDERED = 200  # rows of a group whose best order is searched for
-MOST_MURTY = 300  # tracks of a group, or one event would take too long
+MOST_MURTY = 60  # tracks of a group, or one event would take too long
+MURTY_SOLVES = 4000  # assignment problems of a group, as many an event as it has tracks
 SAFE_LOG = 600.0  # sums of offsets up to this stay within a double without `potentials`
 
 
@@ -130,7 +131,7 @@ def sparse_marginals(
 
     `track`, `measurement` (k,) name each possible pair once, in any order; log_weight (k,) = log W_tj
     may be -inf, log_missed (t,) = log W_t0 may not. With exact_limit 0 every group is inexact: by belief propagation,
-    or where `murty` > 0 and the group is not above 300 tracks, by that many of the best events.   Eq: polar-8
+    or where `murty` > 0 and the group is not above 60 tracks, by that many of the best events.   Eq: polar-8
     """
     if not np.all(np.isfinite(log_missed)) or not np.all(log_weight < np.inf):
         raise ValueError("log_missed must be finite and log_weight less than inf")
@@ -188,7 +189,7 @@ def _shared(
             place = groups.track[mine], groups.measurement[mine]
             table = np.full((int(groups.n_tracks[g]), int(groups.n_measurements[g])), -np.inf)
             table[place] = log_psi[mine]
-            beta[mine] = murty_marginals(table, murty)[place]
+            beta[mine] = murty_marginals(table, min(murty, MURTY_SOLVES // len(table)))[place]
         else:  # tracks are the rows of the approximation, which sums to one over rows
             beta[mine] = loopy(track[mine], measurement[mine], log_psi[mine]) if exact is None else exact
     return beta, n_inexact

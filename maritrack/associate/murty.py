@@ -42,29 +42,32 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = 
     table[:, :n_cols] = log_pair
     table[np.arange(n_rows), n_cols + np.arange(n_rows)] = log_none
     first = _best(table)
-    waiting: list[tuple[float, int, FloatArray, IntArray, int]] = []
+    waiting: list[tuple[float, int, IntArray, int, tuple[int, ...]]] = []  # no tables: each is made anew from these
     if first is not None:
-        waiting.append((-first[0], 0, table, first[1], 0))
+        waiting.append((-first[0], 0, first[1], 0, ()))
     found: list[IntArray] = []
     gains: list[float] = []
     made = 1
     while waiting and len(found) < k:
-        negative, _, table, column, fixed = heapq.heappop(waiting)
+        negative, _, column, fixed, banned = heapq.heappop(waiting)
         if gains and -negative < gains[0] - span:
             break
         found.append(column)
         gains.append(-negative)
         part = table.copy()
-        for row in range(fixed, n_rows):
-            without = part.copy()
-            without[row, column[row]] = -np.inf
-            best = _best(without)
-            if best is not None:
-                heapq.heappush(waiting, (-best[0], made, without, best[1], row))
-                made += 1
-            kept = part[row, column[row]]
-            part[row], part[:, column[row]] = -np.inf, -np.inf
-            part[row, column[row]] = kept
+        for row in range(n_rows):
+            own = int(column[row])
+            if row >= fixed:
+                never = (*banned, own) if row == fixed else (own,)
+                without = part.copy()
+                without[row, list(never)] = -np.inf
+                best = _best(without)
+                if best is not None:
+                    heapq.heappush(waiting, (-best[0], made, best[1], row, never))
+                    made += 1
+            kept = part[row, own]
+            part[row], part[:, own] = -np.inf, -np.inf
+            part[row, own] = kept
     chosen = np.array(found, np.int64).reshape(-1, n_rows)
     return Best(np.where(chosen < n_cols, chosen, NONE), np.array(gains))
 
