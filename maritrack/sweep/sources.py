@@ -17,8 +17,10 @@ from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_
 from maritrack.io.source import Octets
 from maritrack.io.truth import truth_names
 from maritrack.recording import PRESET_OF_KIND, kinds_of, side_documents
+from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
+from maritrack.simulate.pointscene import PointScene, simulate_points
 from maritrack.simulate.record import simulate
-from maritrack.simulate.scenes import load_scene, scene_names
+from maritrack.simulate.scenes import load_any, scene_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,8 +117,13 @@ def octets_in(source: Source) -> int:
 def examine(source: Source) -> Known:
     """Kind and digests of an input; it is read once, in pieces. InputError where it can't be read."""
     if source.scene:
-        shown = f"{load_scene(source.name)!r} {source.scans}"
-        return Known("cat240", hashlib.sha256(shown.encode()).hexdigest(), {})
+        scene = load_any(source.name)
+        shown = f"{scene!r} {source.scans}"
+        return Known(
+            "points" if isinstance(scene, (PointScene, LidarScene)) else "cat240",
+            hashlib.sha256(shown.encode()).hexdigest(),
+            {},
+        )
     with opened(source, seed=0) as found:
         digest = hashlib.sha256()
         for piece in found.octets.chunks:
@@ -130,15 +137,24 @@ def opened(source: Source, *, seed: int) -> Iterator[Opened]:
     """The input with what lies beside it; a scene is simulated with the noise of the seed, and gone afterwards."""
     if source.scene:
         with tempfile.TemporaryDirectory(prefix="maritrack-") as folder:
-            path = Path(folder) / "scene.cat240"
-            scans = source.scans or None
-            scene = load_scene(source.name)
-            if scene.others:
-                raise InputError(f"{source.name}: a scene of several radars", hint="simulate it, and sweep over these")
-            simulate(scene, path, seed=seed, scans=scans, ais=False, labels=False)
-            yield _opened(Source(name=str(path)))
+            yield _opened(Source(name=str(_simulated(source, Path(folder), seed=seed))))
         return
     yield _opened(source)
+
+
+def _simulated(source: Source, folder: Path, *, seed: int) -> Path:
+    """The file of a scene: radar video, or points with the truth in them."""
+    scans, scene, path = source.scans or None, load_any(source.name), folder / "scene.json"
+    if isinstance(scene, PointScene):
+        simulate_points(scene, path, seed=seed, scans=scans)
+    elif isinstance(scene, LidarScene):
+        simulate_lidar(scene, path, seed=seed, scans=scans)
+    elif scene.others:
+        raise InputError(f"{source.name}: a scene of several radars", hint="simulate it, and sweep over these")
+    else:
+        path = folder / "scene.cat240"
+        simulate(scene, path, seed=seed, scans=scans, ais=False, labels=False)
+    return path
 
 
 def _opened(source: Source) -> Opened:

@@ -156,6 +156,19 @@ def test_each_seed_is_another_noise_of_a_scene(tmp_path: Path) -> None:
     assert drive.sweep(again, tmp_path).reused == 1
 
 
+@pytest.mark.parametrize(("scene", "preset"), [("four-ships", "extended"), ("crossing-3d", "engm")])
+def test_scenes_of_points_are_swept_as_those_of_radars(scene: str, preset: str, tmp_path: Path) -> None:
+    runs = plan.plan(
+        named([scene], scans=25), axes=parse_axes([]), seeds=[1, 2], settings=Settings(preset=preset, over={})
+    )  # fmt: skip
+    rows = drive.sweep(runs, tmp_path).rows
+    assert [row["error"] for row in rows] == ["", ""] and [row["metrics"]["n_truth"] > 0 for row in rows] == [
+        True,
+        True,
+    ]
+    assert rows[0]["counts"]["points"] != rows[1]["counts"]["points"]
+
+
 def test_archives_are_kept_where_asked_for(tmp_path: Path) -> None:
     runs = planned(FERRY, grid=["tracker=sprt"])
     drive.sweep(runs, tmp_path)
