@@ -11,7 +11,8 @@ import numpy as np
 
 from maritrack.cluster.stage import cluster_points
 from maritrack.detect.background import Background, learn, mask_of, no_background, under
-from maritrack.detect.cells import detect_cells, empty_points, nearest_in_sectors
+from maritrack.detect.blobs import detect_blobs
+from maritrack.detect.cells import detect_cells, nearest_in_sectors
 from maritrack.errors import ConfigError
 from maritrack.geo import in_mask
 from maritrack.metrics.background import background_scores
@@ -83,14 +84,16 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
 
 
 def detect(scan: Scan, config: Config) -> Points:
-    """Points of a scan, as given or from its video, within the region of interest, of each sector the nearest."""
+    """Points of a scan, as given or from its video or picture, within the region of interest, of each sector the
+    nearest."""
     settings = config.input
     if scan.points is not None:
         points = scan.points
     elif scan.video is not None:
         points = detect_cells(scan, config.detect, latency_ns=round(scan.sensor.latency_s * 1e9))
     else:
-        points = empty_points()
+        latency_ns = round(settings.latency_s * 1e9)
+        points = detect_blobs(scan, config.images, latency_ns=latency_ns, max_points=config.detect.max_points)
     inside = (points.range_m >= settings.roi_min_m) & (points.range_m <= settings.roi_max_m)
     points = points if inside.all() else take(points, inside)
     return take(points, nearest_in_sectors(points, settings.sector_deg)) if settings.sector_deg > 0 else points

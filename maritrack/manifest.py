@@ -36,6 +36,11 @@ def file_digest(path: Path) -> str:
 
 def input_digest(octets: Octets, path: Path) -> str:
     """SHA-256 of an input; "" where it is a stream that can be read once only."""
+    if octets.packed:
+        digest = hashlib.sha256()
+        for piece in octets.chunks:
+            digest.update(piece)
+        return digest.hexdigest()
     return file_digest(path) if octets.size >= 0 else ""
 
 

@@ -11,11 +11,13 @@ import numpy as np
 
 from maritrack import geo
 from maritrack.errors import InputError, UsageError
+from maritrack.imagesettings import ImageConfig
 from maritrack.io import sniff
 from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.fuse import in_steps, merge_sources, united
+from maritrack.io.images.source import ImageSource
 from maritrack.io.nmea import read_nmea
 from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
@@ -29,7 +31,8 @@ from maritrack.settings import Config, InputConfig
 from maritrack.types import Damage, Frame, Origin
 
 YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
-PRESET_OF_KIND = {"cat240": "radar", "points": "points", "plots": "plots", "autoferry": "autoferry"}
+PRESET_OF_KIND = {"cat240": "radar", "points": "points", "plots": "plots", "autoferry": "autoferry",
+                  "images": "dataset"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +139,7 @@ def open_recording(
         settings = dated(settings, reference)
     sensors = sensors_of(side, settings)
     ships = {name: pose_of(document) for name, document in carriers.items()}
-    place = _Place(settings, sensors, platform(ais, settings, origin), ships, origin, strict, workers)
+    place = _Place(settings, sensors, platform(ais, settings, origin), ships, origin, strict, workers, config.images)
     sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
     if reference is None:
@@ -268,6 +271,7 @@ class _Place:
     origin: Origin | None
     strict: bool
     workers: int
+    images: ImageConfig
 
     def source(self, kind: str, octets: Octets) -> Source:
         """The source of one input."""
@@ -284,6 +288,9 @@ class _Place:
             return PointSource(octets, settings, strict=self.strict)
         if kind == "autoferry":
             return AutoferrySource(octets, settings, sensors=self.sensors, strict=self.strict)
+        if kind == "images":
+            pose = self._pose(settings)
+            return ImageSource(octets, settings, self.images, pose=pose, origin=self.origin, strict=self.strict)
         if kind == "plots":
             pose = self._pose(settings)
             return PlotSource(octets, settings, pose=pose, origin=self.origin, strict=self.strict)

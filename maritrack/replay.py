@@ -16,7 +16,7 @@ from maritrack.io.archive import Archive, iter_inputs, read_archive
 from maritrack.io.octets import HEAD
 from maritrack.io.source import Octets
 from maritrack.job import MCAP, Job, run_silently
-from maritrack.manifest import code_digest, file_digest, versions
+from maritrack.manifest import code_digest, input_digest, versions
 from maritrack.recording import open_inputs
 from maritrack.run import Progress
 from maritrack.settings import Config
@@ -144,12 +144,14 @@ def _given(archive: Archive, paths: Sequence[Path]) -> list[Octets]:
     digests = archive.manifest.input_sha256
     if len(paths) != len(digests):
         raise UsageError(f"{archive.path}: a run of {len(digests)} recordings, {len(paths)} are given")
-    for path, digest in zip(paths, digests, strict=True):
-        if not path.is_file():
+    for path in paths:
+        if not path.is_file() and not path.is_dir():
             raise InputError(f"{path}: no such file")
-        if file_digest(path) != digest:
+    octets = open_inputs(paths)
+    for one, path, digest in zip(octets, paths, digests, strict=True):
+        if input_digest(one, path) != digest:
             raise UsageError(f"{path}: not the recording of this run, its SHA-256 is another one")
-    return open_inputs(paths)
+    return octets
 
 
 def _archived(archive: Archive, damage: list[Damage]) -> list[Octets]:

@@ -1,6 +1,7 @@
 """Every setting of a run: frozen dataclasses nested like the line of data. `maritrack.config` loads them.
 
-Those of trackers are in `maritrack.tracksettings`, `maritrack.intensitysettings` and `maritrack.contoursettings`.
+Those of trackers are in `maritrack.tracksettings`, `maritrack.intensitysettings` and `maritrack.contoursettings`,
+those of radar images in `maritrack.imagesettings`.
 A number that no paper gives carries `# assumed: why` in its preset.
 """
 
@@ -12,6 +13,7 @@ from typing import Literal
 
 from maritrack.contoursettings import ContourConfig, PmbmConfig
 from maritrack.errors import ConfigError
+from maritrack.imagesettings import ImageConfig
 from maritrack.intensitysettings import IntensityConfig
 from maritrack.limits import in_unit, positive, require
 from maritrack.tracksettings import (
@@ -220,6 +222,7 @@ class Config:
     tracker_name: str = "jipda"
     seed: int = 0
     input: InputConfig = field(default_factory=InputConfig)
+    images: ImageConfig = field(default_factory=ImageConfig)
     detect: DetectConfig = field(default_factory=DetectConfig)
     subtract: SubtractConfig = field(default_factory=SubtractConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)

@@ -79,6 +79,16 @@ class Video:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A screenshot of a radar as echo strength. Masked pixels have none."""
+
+    strength: NDArray[np.uint8]  # (h, w)
+    centre_px: tuple[float, float]  # x, y of the radar
+    pixel_m: float
+    up_rad: float  # azimuth of what is up in the picture, from true north
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Points:
     """Detections of one scan."""
 
@@ -200,7 +210,7 @@ class Mask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """One rotation of one sensor: video or points, and where the sensor was."""
+    """One rotation of one sensor: video, a picture or points, and where the sensor was."""
 
     sensor: Sensor
     t_ns: int  # end of the rotation (points: their common time)
@@ -209,6 +219,7 @@ class Scan:
     heading_rad: float  # of the platform, nan where unknown (already applied to azimuths)
     video: Video | None = None
     points: Points | None = None
+    picture: Picture | None = None
     segment: int = 0  # counts up when the range scale changes or after a long gap
     swept: BoolArray | None = None  # (720,) half-degree bins seen in this scan; None = all
     covered: Mask | None = None  # where points were taken away: what is there is not to be seen; None = nowhere
@@ -269,7 +280,7 @@ class RunManifest:
     code_sha256: str
     config_toml: str
     input_sha256: tuple[str, ...]
-    input_kind: tuple[str, ...]  # "cat240", "points", "autoferry", "plots"
+    input_kind: tuple[str, ...]  # "cat240", "points", "autoferry", "plots", "images", "rwmr"
     seed: int
     versions: Mapping[str, str]
     origin: Origin | None = None

@@ -11,7 +11,7 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings", "contoursettings"}
+BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings", "contoursettings", "imagesettings"}
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
@@ -24,7 +24,8 @@ BELOW = {  # what each part of the package may import besides itself
     "tracksettings": {"errors", "limits"},
     "intensitysettings": {"errors", "limits"},
     "contoursettings": {"errors", "limits"},
-    "settings": {"errors", "limits", "tracksettings", "intensitysettings", "contoursettings"},
+    "imagesettings": {"errors", "limits"},
+    "settings": {"errors", "limits", "tracksettings", "intensitysettings", "contoursettings", "imagesettings"},
     "config": {"errors", "settings"},
     "objects": BASE | {"geo"},
     "associate": BASE,
@@ -69,6 +70,7 @@ READING = {  # the packages of `maritrack.io`, and which of the others each may 
     "turns": {"cat240"},
     "containers": {"cat240"},
     "rewrite": {"cat240", "containers"},
+    "images": set[str](),
 }
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),

@@ -6,12 +6,15 @@ import re
 
 from maritrack.errors import InputError
 from maritrack.io.containers.kinds import GZIP, MCAP_MAGIC, RAW, container_of, is_gzip_of_nothing, unpacked_head
+from maritrack.io.images.pack import SIDE_NAMES, first_member
 
 CAT240 = 0xF0
 MAGIC = (  # first octets, what they are, what to do
-    (b"\x89PNG", "a PNG image", "images are not read yet"),
-    (b"\xff\xd8\xff", "a JPEG image", "images are not read yet"),
-    (b"PK\x03\x04", "a ZIP archive", "unpack it first"),
+    (b"\x89PNG", "a PNG image", "name the folder of the images"),
+    (b"\xff\xd8\xff", "a JPEG image", "name the folder of the images"),
+    (b"II*\x00", "a TIFF image", "name the folder of the images"),
+    (b"MM\x00*", "a TIFF image", "name the folder of the images"),
+    (b"PK\x03\x04", "a ZIP archive", "a ZIP of images is read from a file, not from a pipe"),
     (b"\x28\xb5\x2f\xfd", "compressed with Zstandard", "unpack it first"),
     (b"RRF", "a Rerun recording", "it is a picture of a run, the record is the .mcap"),
     (b"\x89HDF", "an HDF5 file", "of MATLAB files, version 5 is read"),
@@ -21,8 +24,8 @@ MAGIC = (  # first octets, what they are, what to do
 )
 ARCHIVE = b"maritrack.archive"  # stands in the head of an archive of a run
 READ = (
-    "CAT240 radar video (as blocks, pcap, pcapng, FINAL or MCAP, also gzipped), points as JSON, Autoferry, plots and "
-    "AIS as CSV are read"
+    "CAT240 radar video (as blocks, pcap, pcapng, FINAL or MCAP, also gzipped), folders and ZIPs of radar images, "
+    "points as JSON, Autoferry, plots and AIS as CSV are read"
 )
 OWN_SHIP = re.compile(r"(?:\\[^\\\r\n]*\\)?\$[A-Z]{2}[A-Z]{3},")  # a sentence of an instrument, maybe behind a tag
 LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
@@ -31,8 +34,8 @@ LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
 def sniff(head: bytes, name: str) -> str:
     """The kind of an input from its first octets (64 KiB are enough).
 
-    "cat240", "points", "autoferry", "autoferry-truth", "plots", "ais" or "nmea". InputError says what else it
-    is, as far as that can be told.
+    "cat240", "points", "autoferry", "autoferry-truth", "plots", "images", "rwmr", "ais" or "nmea". InputError
+    says what else it is, as far as that can be told.
     """
     if not head:
         raise InputError(f"{name}: empty")
@@ -40,6 +43,8 @@ def sniff(head: bytes, name: str) -> str:
         return _behind_gzip(head, name)
     if head.startswith(MCAP_MAGIC) and ARCHIVE in head:
         raise InputError(f"{name}: an archive of a run", hint="maritrack replay runs it again, convert gives its input")
+    if files := first_member(head):
+        return _kind_of_files(files, name)
     refuse_known(head, name)
     if head.startswith(b"MATLAB 5.0 MAT-file"):
         return "autoferry"
@@ -53,6 +58,16 @@ def sniff(head: bytes, name: str) -> str:
     if head[0] and [head[at] for at in _blocks(head, 0)[:4] if at < len(head)] == [head[0]] * 4:
         raise InputError(f"{name}: ASTERIX category {head[0]:03d}, no radar video", hint="category 240 is read")
     raise InputError(f"{name}: not a recording that is known", hint=READ)
+
+
+def _kind_of_files(first: str, name: str) -> str:
+    """Kind of a TAR by the name of its first file."""
+    lower = first.lower().rpartition("/")[2]
+    if lower in SIDE_NAMES:
+        return "rwmr"
+    if lower.endswith((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".csv")):
+        return "images"
+    raise InputError(f"{name}: a folder or an archive of files that begins with {first}", hint=READ)
 
 
 def refuse_known(head: bytes, name: str) -> None:

@@ -12,11 +12,13 @@ from stat import S_ISDIR, S_ISREG
 from typing import BinaryIO
 
 from maritrack.errors import InputError
+from maritrack.io.images.pack import FolderPack, ZipPack, pack_folder, pack_zip
 from maritrack.io.source import Come, Octets
 
 CHUNK = 8 * 1024 * 1024
 HEAD = 64 * 1024
 PIPE = 1 << 20
+ZIP = b"PK\x03\x04"
 
 
 def octets_from_file(path: Path, channel: str) -> Octets:
@@ -27,15 +29,29 @@ def octets_from_file(path: Path, channel: str) -> Octets:
     try:
         status = path.stat()
         if S_ISDIR(status.st_mode):
-            raise InputError(f"{path}: is a folder", hint="name the recordings in it")
+            return _octets_from_pack(path, channel, pack_folder(path))
         if S_ISREG(status.st_mode):
             with path.open("rb") as file:
                 head = file.read(HEAD)
+            if head.startswith(ZIP):
+                return _octets_from_pack(path, channel, pack_zip(path))
             return Octets(str(path), channel, FileChunks(path), head, status.st_size)
         stream = path.open("rb", buffering=0)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: {_reason(error)}") from None
     return _octets_from_pipe(stream.fileno(), str(path), channel, stream)
+
+
+def _octets_from_pack(path: Path, channel: str, pack: FolderPack | ZipPack | None) -> Octets:
+    """The files of a folder or a ZIP as one stream."""
+    if pack is None:
+        raise InputError(f"{path}: is a folder without images", hint="name the recordings in it")
+    head = b""
+    for piece in pack:
+        head += piece[: HEAD - len(head)]
+        if len(head) >= HEAD:
+            break
+    return Octets(str(path), channel, pack, head, pack.octets(), packed=True)
 
 
 def octets_from_stdin() -> Octets:

@@ -34,3 +34,4 @@ class Octets:
     chunks: Iterable[bytes]
     head: bytes  # the first octets, to tell what it is (at least 64 KiB where there are as many)
     size: int  # -1 = unknown
+    packed: bool = False  # files of a folder or a ZIP as one stream, made anew by each loop; size is that of the files

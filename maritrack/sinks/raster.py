@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from maritrack.geo import TWO_PI, wrap
-from maritrack.types import FloatArray, Video
+from maritrack.types import FloatArray, Picture, Video
 
 ByteArray = NDArray[np.uint8]
 
@@ -76,6 +76,17 @@ def make_lookup(key: tuple[float, float, int, int, int]) -> Lookup:
         columns.append(width)
         start += (n_bins >> i) * width
     return Lookup(key, half_m, pool, tuple(columns), index)
+
+
+def turned(picture: Picture, half_m: float, *, pixels: int) -> ByteArray:
+    """A screenshot north-up around the radar (px, px), covering it +- half_m; NOT_SEEN beyond its edges."""
+    step = 2 * half_m / pixels / picture.pixel_m
+    sin, cos = np.sin(picture.up_rad), np.cos(picture.up_rad)
+    x0, y0, half = picture.centre_px[0] + 0.5, picture.centre_px[1] + 0.5, half_m / picture.pixel_m
+    columns = (step * cos, step * sin, x0 - half * cos - half * sin)
+    rows = (-step * sin, step * cos, y0 - half * cos + half * sin)
+    image = Image.fromarray(np.maximum(picture.strength, NOTHING))
+    return np.asarray(image.transform((pixels, pixels), Image.Transform.AFFINE, (*columns, *rows), fillcolor=NOT_SEEN))
 
 
 def to_raster(video: Video, lookup: Lookup, *, full_scale: float) -> ByteArray:

@@ -30,6 +30,7 @@ from maritrack.types import Result, RunManifest, Scan
 
 APPLICATION = "maritrack"
 MOST_LOOKUPS = 4  # of 8 MB each
+MOST_PICTURE_PX = 20_000  # of a screenshot from its centre
 FEW_POINTS = 300  # in a scan: drawn larger
 LEADER_SHARE = 0.075  # of the range: from an object of the truth to its name
 ARCHETYPES: dict[str, Any] = {
@@ -94,7 +95,7 @@ class RerunSink:
         """Take a frame. Every `flush_scans` frames are written out together."""
         frame, scan = result.frame, result.frame.scan
         jpeg, half_m = self._video(scan)
-        light = replace(frame, scan=replace(scan, video=None), inputs=())
+        light = replace(frame, scan=replace(scan, video=None, picture=None), inputs=())
         self._pending.append(Pending(replace(result, frame=light, background=None), jpeg, half_m))
         if len(self._pending) >= self._flush_scans:
             self._flush()
@@ -141,6 +142,10 @@ class RerunSink:
         sensor = scan.sensor.id
         turn = self._n_scans[sensor] = self._n_scans.get(sensor, -1) + 1
         video = scan.video
+        if scan.picture is not None:
+            half_m = min(scan.sensor.max_range_m, MOST_PICTURE_PX * scan.picture.pixel_m)
+            grey = raster.turned(scan.picture, half_m, pixels=self._raster_px)
+            return raster.to_jpeg(grey, colours=VIDEO_PALETTE), half_m
         if video is None or video.intensity.size == 0:
             return None, 0.0
         key = raster.geometry_of(video, pixels=self._raster_px)
