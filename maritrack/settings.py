@@ -139,9 +139,9 @@ class SubtractConfig:
 class ClusterConfig:
     """Points to clusters."""
 
-    method: Literal["polar-dbscan", "cartesian-dbscan", "single-linkage", "complete-linkage", "singletons"] = (
-        "polar-dbscan"
-    )
+    method: Literal[
+        "polar-dbscan", "cartesian-dbscan", "single-linkage", "complete-linkage", "kmeans", "singletons"
+    ] = "polar-dbscan"
     eps_m: float = 55.0  # polar, sec. III; of linkages the distance at which they are cut
     eps_cells: float = 0.0  # at least this many range cells; 0 = eps_m alone
     min_points: int = 3  # polar, sec. III
@@ -150,8 +150,16 @@ class ClusterConfig:
     coarse_min_count: int = 1  # ... clusters of fewer cells are dropped
     max_extent_m: float = math.inf  # clusters longer than this are land or arcs: dropped
     intensity_weighting: bool = True
+    k_max: int = 10  # k-means: at most so many clusters
+    k_index: Literal["calinski-harabasz", "davies-bouldin", "silhouette"] = "calinski-harabasz"  # dataset, sec. 3.2
+    k_rule: Literal["gap", "spread"] = "gap"  # no more than gaps wider than eps_m part; or one within one_spread_m
+    one_spread_m: float = 60.0  # root mean square distance from the centroid
+    kmeans_seed: int = 0
 
     def __post_init__(self) -> None:
+        require(2 <= self.k_max <= 200, "cluster.k_max is within 2..200")
+        positive("cluster.one_spread_m", self.one_spread_m)
+        require(0 <= self.kmeans_seed < 2**32, "cluster.kmeans_seed is within 0..2^32 - 1")
         require(0 < self.eps_m < math.inf, f"cluster.eps_m = {self.eps_m} must be greater than 0, and finite")
         counts = (self.min_points, self.min_count, self.coarse_min_count)
         require(min(counts) >= 1, "cluster: min_points, min_count and coarse_min_count start at 1")

@@ -1,4 +1,4 @@
-"""The clustering stage: polar or Cartesian DBSCAN, linkages cut at a distance, or every point for itself."""
+"""The clustering stage: polar or Cartesian DBSCAN, linkages cut at a distance, k-means, or every point for itself."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from maritrack import geo
 from maritrack.cluster.dbscan import dbscan
+from maritrack.cluster.kmeans import kmeans
 from maritrack.cluster.linkage import linkage_labels
 from maritrack.cluster.statistics import cluster_statistics, drop_clusters
 from maritrack.settings import ClusterConfig, InputConfig
@@ -33,6 +34,8 @@ def labels(points: Points, scan: Scan, config: ClusterConfig) -> IntArray:
     """Cluster of each point (n,), -1 = noise."""
     if config.method == "singletons":
         return np.arange(len(points))
+    if config.method == "kmeans":
+        return kmeans(points.position_m, config)
     eps_m = max(config.eps_m, config.eps_cells * scan.sensor.range_res_m)
     if config.method in ("single-linkage", "complete-linkage"):
         return linkage_labels(points.position_m - scan.position_m, distance_m=eps_m, how=config.method)

@@ -1,0 +1,127 @@
+"""k-means: as many clusters as there are bodies, one where there is one, and the same in whatever order."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from maritrack.cluster.kmeans import INDEX, MOST_POINTS, fit, kmeans, most_clusters
+from maritrack.errors import ConfigError
+from maritrack.settings import ClusterConfig
+from maritrack.types import FloatArray, IntArray
+
+INDICES: Any = ("calinski-harabasz", "davies-bouldin", "silhouette")
+CONFIG = ClusterConfig(method="kmeans", eps_m=30.0)
+
+
+def hull(
+    east: float, north: float, *, length: float = 40.0, turn: float = 0.5, seed: int = 0, n: int = 30
+) -> FloatArray:
+    """Points of a vessel: a box four times as long as wide."""
+    rng = np.random.default_rng(seed)
+    along, across = rng.uniform(-0.5, 0.5, n) * length, rng.uniform(-0.5, 0.5, n) * length / 4
+    return np.stack(
+        [east + along * np.sin(turn) + across * np.cos(turn), north + along * np.cos(turn) - across * np.sin(turn)], 1
+    )
+
+
+def same_partition(a: IntArray, b: IntArray) -> bool:
+    return bool(np.array_equal(a[:, None] == a[None, :], b[:, None] == b[None, :]))
+
+
+@pytest.mark.parametrize("index", INDICES)
+@pytest.mark.parametrize("bodies", [2, 3, 5, 8])
+def test_bodies_far_apart_are_as_many_clusters(index: Any, bodies: int) -> None:
+    rng = np.random.default_rng(bodies)
+    places = np.array(list(itertools.product(range(3), range(3))))[rng.permutation(9)[:bodies]] * 900.0
+    points = np.concatenate([hull(*place, seed=k) for k, place in enumerate(places)])
+    truth = np.repeat(np.arange(bodies), 30)
+    assert same_partition(kmeans(points, replace(CONFIG, k_index=index)), truth)
+
+
+@pytest.mark.parametrize("rule", ["gap", "spread"])
+@pytest.mark.parametrize("length", [10.0, 60.0, 180.0])
+def test_one_vessel_is_one_cluster_however_long(rule: Any, length: float) -> None:
+    points = hull(4000.0, -900.0, length=length, n=80)
+    assert kmeans(points, replace(CONFIG, k_rule=rule)).tolist() == [0] * 80
+
+
+def test_two_boats_near_each_other_are_two_by_their_gap_and_one_by_their_spread() -> None:
+    points = np.concatenate([hull(0.0, 0.0, length=12.0), hull(80.0, 0.0, length=12.0, seed=1)])
+    truth = np.repeat([0, 1], 30)
+    assert same_partition(kmeans(points, CONFIG), truth)
+    assert kmeans(points, replace(CONFIG, k_rule="spread")).max() == 0
+
+
+def test_a_torn_echo_is_one_by_its_spread_and_two_by_its_gap() -> None:
+    points = np.concatenate([hull(0.0, 0.0, length=20.0), hull(60.0, 0.0, length=20.0, seed=1)])
+    assert most_clusters(points, CONFIG) == 2
+    assert most_clusters(points, replace(CONFIG, k_rule="spread")) == 1
+
+
+def test_without_the_rule_of_gaps_calinski_harabasz_cuts_long_vessels() -> None:
+    points = np.concatenate([hull(0.0, 0.0, length=150.0), hull(900.0, 0.0, length=150.0, seed=1)])
+    assert kmeans(points, replace(CONFIG, k_rule="spread")).max() + 1 > 2
+    assert kmeans(points, CONFIG).max() + 1 == 2
+
+
+def test_no_more_clusters_than_k_max() -> None:
+    points = np.concatenate([hull(900.0 * k, 0.0, seed=k) for k in range(6)])
+    assert kmeans(points, replace(CONFIG, k_max=4)).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [([], []), ([[5.0, 5.0]], [0]), ([[0.0, 0.0], [10.0, 0.0]], [0, 0]), ([[0.0, 0.0], [500.0, 0.0]], [0, 1]),
+     ([[0.0, 0.0]] * 4, [0] * 4), ([[0.0, 0.0], [500.0, 0.0], [500.0, 0.0], [0.0, 0.0]], [0, 1, 1, 0])],
+)  # fmt: skip
+def test_few_and_equal_points(points: list[list[float]], expected: list[int]) -> None:
+    assert kmeans(np.array(points).reshape(-1, 2), CONFIG).tolist() == expected
+
+
+@settings(derandomize=True, deadline=None, max_examples=12)
+@given(st.integers(0, 10**6), st.integers(1, 40))
+def test_neither_order_nor_place_nor_repetition_makes_a_difference(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = np.round(rng.normal(0, 300, (n, 2)))
+    label = kmeans(points, CONFIG)
+    order = rng.permutation(n)
+    assert same_partition(kmeans(points[order], CONFIG), label[order])
+    assert np.array_equal(kmeans(points, CONFIG), label)
+    assert same_partition(kmeans(points + np.array([4096.0, -8192.0]), CONFIG), label)
+
+
+@pytest.mark.parametrize("index", INDICES)
+def test_the_chosen_number_has_the_best_index_of_all(index: Any) -> None:
+    points = np.random.default_rng(3).normal(0, 400, (40, 2))
+    points = points[np.lexsort((points[:, 1], points[:, 0]))]
+    values = {k: INDEX[index](points, fit(points, k, seed=0)[1]) for k in range(2, 11)}
+    assert kmeans(points, replace(CONFIG, k_index=index)).max() + 1 == max(values, key=lambda k: values[k])
+
+
+def test_calinski_harabasz_is_its_definition() -> None:
+    points = np.random.default_rng(4).normal(0, 100, (30, 2))
+    label = fit(points, 3, seed=0)[1]
+    mean = points.mean(axis=0)
+    within = sum(((points[label == k] - points[label == k].mean(axis=0)) ** 2).sum() for k in range(3))
+    between = sum((label == k).sum() * ((points[label == k].mean(axis=0) - mean) ** 2).sum() for k in range(3))
+    assert_allclose(INDEX["calinski-harabasz"](points, label), (between / 2) / (within / 27))
+
+
+def test_many_points_are_clustered_by_a_sample_of_them() -> None:
+    n = 3 * MOST_POINTS
+    points = np.concatenate([hull(0.0, 0.0, n=n), hull(900.0, 0.0, seed=1, n=n)])
+    assert same_partition(kmeans(points, CONFIG)[:: n // 50], np.repeat([0, 1], n)[:: n // 50])
+
+
+@pytest.mark.parametrize("wrong", [{"k_max": 1}, {"one_spread_m": 0.0}, {"kmeans_seed": -1}])
+def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="cluster"):
+        ClusterConfig(**wrong)
