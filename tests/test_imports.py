@@ -54,6 +54,7 @@ BELOW = {  # what each part of the package may import besides itself
     "smooth": LINE | {"chain", "io", "job", "replay", "retrospect", "run"},
     "calibrate": LINE | {"chain", "io", "recording", "retrospect"},
     "convert": BASE | {"io"},
+    "imageguess": BASE | {"io"},
     "live": BASE | {"io"},
     "survey": BASE | {"geo", "io"},
     "show": BASE | {"config", "io", "recording", "survey"},
