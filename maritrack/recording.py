@@ -24,15 +24,17 @@ from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
 from maritrack.io.pose import PoseTrack
 from maritrack.io.reference import Reference
+from maritrack.io.rwmr.source import RwmrSource
 from maritrack.io.sensors import calibrated, check_calibration, check_sensors, for_input, parse_sensors
 from maritrack.io.source import Octets, Source
 from maritrack.io.truth import document_origin, find_truth, read_reference
+from maritrack.rwmrsettings import RwmrConfig
 from maritrack.settings import Config, InputConfig
 from maritrack.types import Damage, Frame, Origin
 
 YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
 PRESET_OF_KIND = {"cat240": "radar", "points": "points", "plots": "plots", "autoferry": "autoferry",
-                  "images": "dataset"}  # fmt: skip
+                  "images": "dataset", "rwmr": "dataset"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +141,9 @@ def open_recording(
         settings = dated(settings, reference)
     sensors = sensors_of(side, settings)
     ships = {name: pose_of(document) for name, document in carriers.items()}
-    place = _Place(settings, sensors, platform(ais, settings, origin), ships, origin, strict, workers, config.images)
+    place = _Place(
+        settings, sensors, platform(ais, settings, origin), ships, origin, strict, workers, config.images, config.rwmr
+    )
     sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
     if reference is None:
@@ -148,6 +152,7 @@ def open_recording(
     damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
     stepped = united(in_steps(merged.frames(), settings.step_s), settings.unite)
     frames = nonempty(windowed(stepped, settings), sources, octets)
+    damage += tuple(remark for source in sources for remark in getattr(source, "remarks", ()))
     named = unclaimed(side, settings, octets, kinds)
     if "cat240" not in kinds:  # an input is one sensor, whatever its scans are called
         damage += tuple(
@@ -272,6 +277,7 @@ class _Place:
     strict: bool
     workers: int
     images: ImageConfig
+    rwmr: RwmrConfig
 
     def source(self, kind: str, octets: Octets) -> Source:
         """The source of one input."""
@@ -291,6 +297,9 @@ class _Place:
         if kind == "images":
             pose = self._pose(settings)
             return ImageSource(octets, settings, self.images, pose=pose, origin=self.origin, strict=self.strict)
+        if kind == "rwmr":
+            pose = self._pose(settings) if settings.own_ship or self.pose is not None else None
+            return RwmrSource(octets, settings, self.rwmr, pose=pose, origin=self.origin, strict=self.strict)
         if kind == "plots":
             pose = self._pose(settings)
             return PlotSource(octets, settings, pose=pose, origin=self.origin, strict=self.strict)

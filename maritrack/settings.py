@@ -16,6 +16,7 @@ from maritrack.errors import ConfigError
 from maritrack.imagesettings import ImageConfig
 from maritrack.intensitysettings import IntensityConfig
 from maritrack.limits import in_unit, positive, require
+from maritrack.rwmrsettings import RwmrConfig
 from maritrack.tracksettings import (
     ClutterMapConfig,
     ModelConfig,
@@ -231,6 +232,7 @@ class Config:
     seed: int = 0
     input: InputConfig = field(default_factory=InputConfig)
     images: ImageConfig = field(default_factory=ImageConfig)
+    rwmr: RwmrConfig = field(default_factory=RwmrConfig)
     detect: DetectConfig = field(default_factory=DetectConfig)
     subtract: SubtractConfig = field(default_factory=SubtractConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)

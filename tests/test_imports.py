@@ -11,7 +11,8 @@ import pytest
 
 from tests.shared import ROOT
 
-BASE = {"errors", "types", "settings", "tracksettings", "intensitysettings", "contoursettings", "imagesettings"}
+SETTINGS = {"tracksettings", "intensitysettings", "contoursettings", "imagesettings", "rwmrsettings"}
+BASE = {"errors", "types", "settings"} | SETTINGS
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
 BELOW = {  # what each part of the package may import besides itself
@@ -25,7 +26,8 @@ BELOW = {  # what each part of the package may import besides itself
     "intensitysettings": {"errors", "limits"},
     "contoursettings": {"errors", "limits"},
     "imagesettings": {"errors", "limits"},
-    "settings": {"errors", "limits", "tracksettings", "intensitysettings", "contoursettings", "imagesettings"},
+    "rwmrsettings": {"errors", "limits"},
+    "settings": {"errors", "limits"} | SETTINGS,
     "config": {"errors", "settings"},
     "objects": BASE | {"geo"},
     "associate": BASE,
@@ -72,6 +74,7 @@ READING = {  # the packages of `maritrack.io`, and which of the others each may 
     "containers": {"cat240"},
     "rewrite": {"cat240", "containers"},
     "images": set[str](),
+    "rwmr": {"images"},
 }
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
