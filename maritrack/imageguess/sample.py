@@ -13,7 +13,7 @@ from maritrack.io.images.pack import IMAGE_MAGIC, ChunkFile
 from maritrack.io.images.source import members
 from maritrack.io.source import Octets
 
-MOST_FRAMES, MOST_PIXELS = 12, 60_000_000  # of all of them together
+MOST_FRAMES, MOST_PIXELS = 12, 20_000_000  # of all of them together
 MOVES = 40  # of 255, in any channel: more is another colour
 
 
@@ -32,8 +32,10 @@ class Sample:
         return self.still.shape[1], self.still.shape[0]
 
 
-def sample(octets: Octets, *, most: int = MOST_FRAMES, max_pixels: int = 40_000_000) -> Sample:
-    """Frames spread evenly over a recording, those of the commonest size. InputError where none can be read."""
+def sample(octets: Octets, *, most: int = MOST_FRAMES, max_pixels: int = MOST_PIXELS) -> Sample:
+    """Frames spread evenly over a recording, those of the commonest size; `max_pixels` is the most of one.
+
+    InputError where none can be read."""
     names = [len(data) for _, data, _ in members(ChunkFile(iter(octets.chunks))) if data.startswith(IMAGE_MAGIC)]
     wanted = set(np.unique(np.linspace(0, len(names) - 1, most).round().astype(int)).tolist()) if names else set()
     frames: list[NDArray[np.uint8]] = []
@@ -55,6 +57,6 @@ def sample(octets: Octets, *, most: int = MOST_FRAMES, max_pixels: int = 40_000_
     sizes = [frame.shape for frame in frames]
     commonest = max(dict.fromkeys(sizes), key=sizes.count)
     stack = np.stack([frame for frame in frames if frame.shape == commonest])
-    still = np.median(stack, axis=0).astype(np.uint8)
+    still = np.sort(stack, axis=0)[len(stack) // 2]
     moves = (np.abs(stack.astype(np.int16) - still) > MOVES).any(axis=-1)
     return Sample(len(names), stack, still, moves)

@@ -23,6 +23,7 @@ from maritrack.io import sniff
 from maritrack.io.octets import octets_from_file
 from maritrack.io.rwmr.entries import read_steps
 from maritrack.io.rwmr.source import RwmrSource
+from maritrack.io.rwmr.truth import read_truth
 from maritrack.rwmrsettings import RwmrConfig
 from maritrack.settings import InputConfig
 from maritrack.types import Frame
@@ -287,6 +288,24 @@ def test_a_reference_that_can_not_be_read_is_said_and_costs_nothing_else(tmp_pat
     of = source(folder(tmp_path / "f", polarMeas_json=document(polar_at), referenceMeas_mat=data))
     assert of.reference is None and "no truth" in remarks(of)["rwmr-reference"]
     check(list(of.frames()), shift=False)
+
+
+def test_fields_of_any_shapes_are_told_or_passed_over() -> None:
+    rng = np.random.default_rng(5)
+    shapes = [(), (0, 0), (1, 5), (5, 1), (3, 5), (5, 3), (2, 3, 4)]
+    read = 0
+    for _ in range(200):
+        names = rng.choice(["x", "y", "cog", "sog", "t", "pos", "L", "heading"], 5, replace=False)
+        fields = {str(n): rng.normal(0, 9, shapes[rng.integers(len(shapes))]) for n in names}
+        for value in fields.values():
+            value[rng.random(value.shape) < 0.1] = rng.choice([np.nan, np.inf, 1e300])
+        try:
+            found, _ = read_truth(mat(a=fields), RwmrConfig(), steps=5, start_ns=0)
+        except InputError:
+            continue
+        read += 1
+        assert np.isfinite(found.position_m).all()
+    assert read > 20
 
 
 def test_a_folder_becomes_a_run_with_truth_and_remarks_and_replays(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.rwmrsettings import RwmrConfig, parse_map
 from maritrack.types import FloatArray
 
+MOST = 1e4  # of an angle or a speed in any unit
 KNOT_MPS = 1852.0 / 3600.0
 NAMES = {
     "time": r"t|time|step|k", "east": r"x|e|east(ing)?|pos_?x|x_?pos", "north": r"y|n|north(ing)?|pos_?y|y_?pos",
@@ -75,7 +76,8 @@ def _ships(name: str, value: Any, wanted: Mapping[str, str]) -> Iterator[Ship]:
 
 def _columns(fields: Mapping[str, Any], wanted: Mapping[str, str]) -> dict[str, FloatArray] | None:
     """Fields of a struct by quantity; None where it has no positions."""
-    arrays = {name: np.asarray(v, np.float64) for name, v in fields.items() if isinstance(v, int | float | np.ndarray)}
+    numbers = {name: v for name, v in fields.items() if isinstance(v, int | float | np.ndarray)}
+    arrays = {name: np.asarray(v, np.float64) for name, v in numbers.items() if np.ndim(v) <= 2}
     found: dict[str, FloatArray] = {}
     for quantity, pattern in NAMES.items():
         told = wanted.get(quantity, "")
@@ -91,14 +93,15 @@ def _columns(fields: Mapping[str, Any], wanted: Mapping[str, str]) -> dict[str, 
 
 
 def _split(name: str, columns: Mapping[str, FloatArray]) -> Iterator[Ship]:
-    """One vessel, or one for each column where fields are steps by vessels."""
-    east = np.atleast_1d(columns["east"])
-    if east.ndim == 1:
-        yield Ship(name, {q: np.atleast_1d(c) for q, c in columns.items()})
-        return
-    for k in range(east.shape[1]):
-        yield Ship(f"{name}-{k + 1}", {q: c[:, k] if c.shape == east.shape else np.atleast_1d(c) for q, c in
-                                       columns.items() if c.shape == east.shape or c.ndim < 2})  # fmt: skip
+    """One vessel, or one for each column where fields are steps by vessels; none where east and north differ."""
+    east, north = np.atleast_1d(columns["east"]), np.atleast_1d(columns["north"])
+    single = {q: np.atleast_1d(c) for q, c in columns.items() if c.ndim < 2}
+    if east.ndim == north.ndim == 1:
+        yield Ship(name, single)
+    elif east.shape == north.shape:
+        for k in range(east.shape[1]):
+            own = {q: c[:, k] for q, c in columns.items() if c.shape == east.shape}
+            yield Ship(f"{name}-{k + 1}", single | own)
 
 
 def _reports(k: int, ship: Ship, config: RwmrConfig, steps: int, start_ns: int, said: list[str]) -> Reports:
@@ -131,7 +134,9 @@ def _like_steps(time: FloatArray, steps: int) -> bool:
 
 def _padded(ship: Ship, quantity: str, n: int) -> FloatArray:
     column = ship.columns.get(quantity)
-    return column[:n] if column is not None and len(column) >= n else np.full(n, np.nan)
+    if column is None or len(column) < n:
+        return np.full(n, np.nan)
+    return np.where(np.abs(column[:n]) < MOST, column[:n], np.nan)
 
 
 def _angle(angle: FloatArray, config: RwmrConfig, said: list[str]) -> FloatArray:
