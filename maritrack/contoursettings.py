@@ -52,6 +52,7 @@ class PmbmConfig:
     hypotheses: Literal["mixture", "merged"] = "mixture"  # or one alone, the mixture's moments (track oriented)
     association: Literal["stochastic", "murty"] = "stochastic"  # of points; clusters are always assigned by Murty
     most_hypotheses: int = 100  # of a group of tracks
+    most_in_scan: int = 2000  # ... and of all groups of a scan together: each has as many, one at least
     most_children: int = 20  # associations of a hypothesis; extended, sec. 3.1 names none
     prune_hypothesis: float = 0.01  # share of the likeliest; extended, sec. 4.2
     prune_existence: float = 0.01  # extended, sec. 4.2

@@ -25,10 +25,12 @@ class Best(NamedTuple):
     gain: FloatArray  # (k,) sum over the rows
 
 
-def k_best(log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = math.inf) -> Best:
+def k_best(
+    log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = math.inf, least: float = -math.inf
+) -> Best:
     """Of all pairings of rows (l,) and columns (s,) the k of largest gain, or all of them where there are fewer.
 
-    What is worse than the best by more than `span` is left out.
+    What is worse than the best by more than `span` is left out, and what is below `least` but for the best.
 
     The gain of a row is log_pair (l, s), -inf = never, or log_none (l,), which is finite. Ties are in an order that the
     numbers of rows and columns decide.
@@ -37,11 +39,15 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = 
     if n_rows == 0 or k < 1:
         return Best(np.zeros((min(max(k, 0), 1), 0), np.int64), np.zeros(min(max(k, 0), 1)))
     if n_rows == 1:
-        return _of_one_row(np.append(log_pair[0], log_none), k, span)
+        return _of_one_row(np.append(log_pair[0], log_none), k, span, least)
     table = np.full((n_rows, n_cols + n_rows), -np.inf)
     table[:, :n_cols] = log_pair
     table[np.arange(n_rows), n_cols + np.arange(n_rows)] = log_none
-    first = _best(table)
+    never = np.isneginf(table)
+    low, high = float(table[~never].min()), float(table[~never].max())
+    worst = low - (high - low + 1.0) * (n_rows + 1)  # one of these outweighs all that is possible
+    table[never] = worst
+    first = _best(table, low)
     waiting: list[tuple[float, int, IntArray, int, tuple[int, ...]]] = []  # no tables: each is made anew from these
     if first is not None:
         waiting.append((-first[0], 0, first[1], 0, ()))
@@ -50,43 +56,43 @@ def k_best(log_pair: FloatArray, log_none: FloatArray, k: int, *, span: float = 
     made = 1
     while waiting and len(found) < k:
         negative, _, column, fixed, banned = heapq.heappop(waiting)
-        if gains and -negative < gains[0] - span:
+        if gains and -negative < max(gains[0] - span, least):
             break
         found.append(column)
         gains.append(-negative)
+        if len(found) == k:
+            break
         part = table.copy()
         for row in range(n_rows):
             own = int(column[row])
             if row >= fixed:
-                never = (*banned, own) if row == fixed else (own,)
+                not_again = (*banned, own) if row == fixed else (own,)
                 without = part.copy()
-                without[row, list(never)] = -np.inf
-                best = _best(without)
+                without[row, list(not_again)] = worst
+                best = _best(without, low)
                 if best is not None:
-                    heapq.heappush(waiting, (-best[0], made, best[1], row, never))
+                    heapq.heappush(waiting, (-best[0], made, best[1], row, not_again))
                     made += 1
             kept = part[row, own]
-            part[row], part[:, own] = -np.inf, -np.inf
+            part[row], part[:, own] = worst, worst
             part[row, own] = kept
     chosen = np.array(found, np.int64).reshape(-1, n_rows)
     return Best(np.where(chosen < n_cols, chosen, NONE), np.array(gains))
 
 
-def _of_one_row(gain: FloatArray, k: int, span: float) -> Best:
+def _of_one_row(gain: FloatArray, k: int, span: float, least: float) -> Best:
     order = np.argsort(-gain, kind="stable")[:k]
-    order = order[np.isfinite(gain[order]) & (gain[order] >= gain[order[0]] - span)]
+    good = np.isfinite(gain[order]) & (gain[order] >= max(gain[order[0]] - span, least))
+    good[0] = True
+    order = order[good]
     return Best(np.where(order < len(gain) - 1, order, NONE)[:, None], gain[order])
 
 
-def _best(table: FloatArray) -> tuple[float, IntArray] | None:
-    """Gain and columns of the best assignment, None where a row has nothing left."""
-    if not np.isfinite(table).any(axis=1).all():
-        return None
-    finite = np.where(np.isfinite(table), table, 0.0)
-    never = finite.min() - (np.ptp(finite) + 1.0) * (len(table) + 1)  # one of these outweighs all that is possible
-    rows, column = linear_sum_assignment(np.where(np.isfinite(table), table, never), maximize=True)
+def _best(table: FloatArray, low: float) -> tuple[float, IntArray] | None:
+    """Gain and columns of the best assignment, None where a row has nothing left: less than `low`."""
+    rows, column = linear_sum_assignment(table, maximize=True)
     gain = table[rows, column]
-    return (float(gain.sum()), column.astype(np.int64)) if np.isfinite(gain).all() else None
+    return (float(gain.sum()), column.astype(np.int64)) if gain.min() >= low else None
 
 
 def murty_marginals(log_psi: FloatArray, k: int) -> FloatArray:

@@ -7,7 +7,7 @@ that was missed, a hit of a row, a newborn; they are made once it is known which
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -40,8 +40,11 @@ class Evidence(Protocol):
     j: IntArray  # (k,) element in its gate
     n_elements: int
 
-    def children(self, rows: IntArray, elements: IntArray, *, thorough: bool) -> Children:
-        """Associations of rows (t,), -1 = not there, with the elements of their group; the best ones without search."""
+    def children(self, rows: IntArray, elements: IntArray, *, most: int, least: float, thorough: bool) -> Children:
+        """Associations of rows (t,), -1 = not there, with the elements of their group, the best ones without search.
+
+        `most` of them, and but for the best none of a log weight below `least`.
+        """
 
     def crowd(self, rows: IntArray, elements: IntArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray] | None:
         """Marginals of a group in place of its associations: row, cell and share of pairs, share missed (t,)."""
@@ -106,12 +109,13 @@ def associate(factors: Sequence[Factor], evidence: Evidence, rules: PmbmConfig) 
     ends = np.cumsum(np.bincount(groups.group, minlength=len(groups)))
     connected = np.zeros(n + len(factors), bool)
     connected[component] = True
+    most = min(rules.most_hypotheses, max(rules.most_in_scan // max(len(groups), 1), 1))
     for begin, end in zip(ends - np.diff(ends, prepend=0), ends, strict=True):
         mine = order[begin:end]
         members = [
             factors[c - n] if c >= n else hypotheses.alone(c) for c in np.unique(component[mine]).tolist()
         ]  # fmt: skip
-        _group(members, np.unique(element[mine]), evidence, rules, out)
+        _group(members, np.unique(element[mine]), evidence, rules, most, out)
     for number, factor in enumerate(factors):
         if not connected[n + number]:
             _carry_on(factor, evidence, rules, out)
@@ -153,8 +157,10 @@ def _tidy(log_w: FloatArray, code: IntArray, rules: PmbmConfig) -> tuple[list[in
     return single, Factor(rest.log_w, np.where(rest.row >= (1 << 39), rest.row - back, rest.row))
 
 
-def _group(members: Sequence[Factor], elements: IntArray, evidence: Evidence, rules: PmbmConfig, out: Outcome) -> None:
-    factor = hypotheses.product(members, rules.most_hypotheses)
+def _group(
+    members: Sequence[Factor], elements: IntArray, evidence: Evidence, rules: PmbmConfig, most: int, out: Outcome
+) -> None:
+    factor = hypotheses.product(members, most)
     merged = rules.hypotheses == "merged"
     if merged or factor.row.shape[1] + len(elements) > rules.group_limit:
         rows = factor.row[0][factor.row[0] >= 0]
@@ -164,15 +170,19 @@ def _group(members: Sequence[Factor], elements: IntArray, evidence: Evidence, ru
             return
     known: dict[bytes, Children] = {}
     log_w, code, births = [], [], []
+    best, span = -np.inf, -np.log(rules.prune_hypothesis) if rules.prune_hypothesis > 0 else np.inf
     for weight, row in zip(factor.log_w.tolist(), factor.row, strict=True):
+        there = row >= 0
+        base = weight + float(evidence.log_miss[row[there]].sum())
         children = known.get(row.tobytes())
         if children is None:
-            thorough = len(known) < rules.most_searched
-            children = known[row.tobytes()] = evidence.children(row, elements, thorough=thorough)
-        there = row >= 0
-        least = weight + float(evidence.log_miss[row[there]].sum())
+            children = known[row.tobytes()] = evidence.children(
+                row, elements, most=min(rules.most_children, most), least=best - span - base,
+                thorough=len(known) < rules.most_searched,
+            )  # fmt: skip
+        best = max(best, base + float(children.log_w[0]))
         for k, total in enumerate(children.log_w.tolist()):
-            log_w.append(least + total)
+            log_w.append(base + total)
             code.append(
                 [
                     NOT_THERE if r < 0 else r if c < 0 else out.ledger.hit(r, c)
@@ -190,7 +200,7 @@ def _group(members: Sequence[Factor], elements: IntArray, evidence: Evidence, ru
     if merged:
         _mix_hypotheses(np.array(log_w), table, factor.row.shape[1], out)
     else:
-        _keep(np.array(log_w), table, rules, out)
+        _keep(np.array(log_w), table, replace(rules, most_hypotheses=most), out)
 
 
 def _mix(

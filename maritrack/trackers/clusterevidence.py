@@ -71,7 +71,7 @@ class ClusterEvidence:
         """The tracks with the clutter of one more scan."""
         return steps.with_clutter(shown, self.clusters, unexplained, self.scan, self.config)
 
-    def children(self, rows: IntArray, elements: IntArray, *, thorough: bool) -> Children:
+    def children(self, rows: IntArray, elements: IntArray, *, most: int, least: float, thorough: bool) -> Children:
         """The best assignments of clusters to rows, which need no search."""
         rules = self.config.pmbm
         gain = np.full((len(rows), len(elements)), -np.inf)
@@ -81,13 +81,12 @@ class ClusterEvidence:
                 at = np.searchsorted(elements, self.j[mine])
                 gain[t, at] = self.log_hit[mine] - self.log_miss[row] - self.log_new[self.j[mine]]
         span = -np.log(rules.prune_hypothesis) if rules.prune_hypothesis > 0 else np.inf
-        place, total = k_best(gain, np.zeros(len(rows)), rules.most_children, span=span)
+        place, total = k_best(gain, np.zeros(len(rows)), most, span=span, least=least)
         cell = np.where(place >= 0, elements[place], -1)
-        born = []
-        for taken in cell:
-            free = np.setdiff1d(elements, taken)
-            born.append(free[self.may_start[free] > 0])
-        return Children(total, cell, born)
+        free = np.repeat(self.may_start[elements][None] > 0, len(place), axis=0)
+        event, row = np.nonzero(place >= 0)
+        free[event, place[event, row]] = False
+        return Children(total, cell, [elements[one] for one in free])
 
     def crowd(self, rows: IntArray, elements: IntArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
         """Marginals of a group, by belief propagation where it is large."""
@@ -182,14 +181,12 @@ def look(
     )  # fmt: skip
     theirs = bernoullis.rows(before, np.arange(n, len(both)))
     mu = theirs.tracks.existence * (1.0 - sight.p_detect[n:] * model.p_gate)
-    labels = len(np.unique(rows.tracks.id))
-    room = replace(config.tracker, max_tracks=max(config.tracker.max_tracks - labels, 0))
+    room = max(config.tracker.max_tracks - len(np.unique(rows.tracks.id)), 0)
     may_start = np.zeros(c)
-    served, left_out = tracklist.room_for(tracklist.empty(), clusters, np.arange(c), room)
-    may_start[served] = 1.0
+    may_start[np.lexsort((np.arange(c), -clusters.intensity, -clusters.count))[:room]] = 1.0
     return ClusterEvidence(
         sight=sight, before=ours, missed=replace(ours, tracks=gone), log_miss=log_miss, i=pairs.i[:first],
         j=pairs.j[:first], log_hit=log_w[:first], log_u=log_u, log_new=np.logaddexp(0.0, log_u), donor=donor,
         may_start=may_start, poisson=replace(theirs, tracks=replace(theirs.tracks, existence=mu)), config=config,
-        scan=scan, points=points, clusters=clusters, n_left_out=left_out,
+        scan=scan, points=points, clusters=clusters, n_left_out=max(c - room, 0),
     )  # fmt: skip

@@ -25,7 +25,8 @@ from maritrack.trackers.sources import Sources, sources
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, Scan
 
-MOST_POINTS = 2000  # of a group whose association is searched
+MOST_POINTS = 600  # of a group whose association is searched ...
+MOST_WORK = 6000  # ... and points times objects and cells
 
 
 @dataclass(slots=True, eq=False)
@@ -94,21 +95,22 @@ class PointEvidence:
             seen = np.log(r * p)
         return np.asarray(seen + rate.log_count(self.before.rate[row], n) + self.fits.log_l(pairs) - n * self.log_kappa)
 
-    def children(self, rows: IntArray, elements: IntArray, *, thorough: bool) -> Children:
+    def children(self, rows: IntArray, elements: IntArray, *, most: int, least: float, thorough: bool) -> Children:
         """Associations by search; those of whole cells where that is enough, of a crowd the best of them."""
         rules = self.config.pmbm
         there = rows >= 0
         mine = rows[there]
         size = sum(len(self.cells.points[c]) for c in elements.tolist())
-        if len(mine) + len(elements) > rules.group_limit or size > MOST_POINTS:
+        members = len(mine) + len(elements)
+        if members > rules.group_limit or size > MOST_POINTS or size * members > MOST_WORK:
             self.n_inexact += 1
             found = pointsearch.whole_cells(self, mine, elements, most=1)
         elif not thorough:
-            found = pointsearch.whole_cells(self, mine, elements, most=rules.most_children)
+            found = pointsearch.whole_cells(self, mine, elements, most=most)
         elif rules.association == "murty":
-            found = pointsearch.partitions(self, mine, elements)
+            found = pointsearch.partitions(self, mine, elements, most=most)
         else:
-            found = pointsearch.stochastic(self, mine, elements)
+            found = pointsearch.stochastic(self, mine, elements, most=most)
         cell = np.full((len(found.log_w), len(rows)), -1)
         cell[:, there] = found.cell
         return replace(found, cell=cell)

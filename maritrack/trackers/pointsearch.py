@@ -27,7 +27,7 @@ def whole_cells(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: 
     return _assigned(ev, rows, [elements], most)
 
 
-def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray) -> Children:
+def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: int) -> Children:
     """The best assignments of the cells of several partitions: the clustering, others by distance, and halves."""
     points = np.concatenate([ev.cells.points[c] for c in elements.tolist()])
     z = ev.cells.z[points]
@@ -39,7 +39,7 @@ def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray) -> Childre
         if halves:
             found.add(tuple(sorted([*(e for e in elements.tolist() if e != c), *halves])))
     every = [np.array(one, np.int64) for one in sorted(found)]
-    return _assigned(ev, rows, every, ev.config.pmbm.most_children)
+    return _assigned(ev, rows, every, most)
 
 
 def halves_of(ev: PointEvidence, cell: int) -> list[int]:
@@ -91,7 +91,7 @@ def _assigned(ev: PointEvidence, rows: IntArray, every: list[IntArray], most: in
             left = [c for m, c in enumerate(cells.tolist()) if m not in set(column.tolist())]
             born = [c for c in left if ev.may_be_new(c)]
             known.setdefault((*taken, -2, *born), total + float(new.sum()))
-    return _children(known, len(rows), ev)
+    return _children(known, len(rows), ev, most)
 
 
 def _span(ev: PointEvidence) -> float:
@@ -99,8 +99,8 @@ def _span(ev: PointEvidence) -> float:
     return -math.log(least) if least > 0 else math.inf
 
 
-def _children(known: dict[tuple[int, ...], float], t: int, ev: PointEvidence) -> Children:
-    order = sorted(known.items(), key=lambda one: -one[1])[: ev.config.pmbm.most_children]
+def _children(known: dict[tuple[int, ...], float], t: int, ev: PointEvidence, most: int) -> Children:
+    order = sorted(known.items(), key=lambda one: -one[1])[:most]
     top = order[0][1]
     order = [one for one in order if one[1] >= top - _span(ev)]
     cell = np.array([key[:t] for key, _ in order], np.int64).reshape(len(order), t)
@@ -108,7 +108,7 @@ def _children(known: dict[tuple[int, ...], float], t: int, ev: PointEvidence) ->
     return Children(np.array([value for _, value in order]), cell, born)
 
 
-def stochastic(ev: PointEvidence, rows: IntArray, elements: IntArray) -> Children:
+def stochastic(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: int) -> Children:
     """Associations that stochastic optimisation visits, weighed by the fits of their cells.
 
     It begins with the best assignment of whole cells, and looks at objects to first order about the fits of those.
@@ -134,10 +134,10 @@ def stochastic(ev: PointEvidence, rows: IntArray, elements: IntArray) -> Childre
     rng = np.random.default_rng(np.random.SeedSequence(ev.config.seed, spawn_key=(*ev.rng_key, int(elements[0]))))
     visited = sampling.sample(
         slots, state, cell_of, ev.cells.z[points], iterations=rules.iterations * len(points),
-        most_moves=rules.sample_moves, most=2 * rules.most_children, rng=rng,
+        most_moves=rules.sample_moves, most=2 * most, rng=rng,
     )  # fmt: skip
     keep = visited.log_w >= visited.log_w[0] - _span(ev) - 3.0  # the fits decide
-    return _weighed(ev, rows, new, points, visited.slot[keep])
+    return _weighed(ev, rows, new, points, visited.slot[keep], most)
 
 
 def _candidates(ev: PointEvidence, elements: IntArray) -> list[int]:
@@ -196,7 +196,9 @@ def _base(
     return np.concatenate([base, theirs])
 
 
-def _weighed(ev: PointEvidence, rows: IntArray, new: list[int], points: IntArray, slot: IntArray) -> Children:
+def _weighed(
+    ev: PointEvidence, rows: IntArray, new: list[int], points: IntArray, slot: IntArray, most: int
+) -> Children:
     """Associations by the fits of their cells."""
     t = len(rows)
     made: list[tuple[list[int], list[int]]] = []
@@ -214,4 +216,4 @@ def _weighed(ev: PointEvidence, rows: IntArray, new: list[int], points: IntArray
         total += sum(float(np.logaddexp(0.0, ev.log_u[c])) for c in fresh)
         born = sorted(c for c in fresh if ev.may_be_new(c))
         known.setdefault((*own, -2, *born), float(total))
-    return _children(known, t, ev)
+    return _children(known, t, ev, most)

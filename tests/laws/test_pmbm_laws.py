@@ -19,7 +19,7 @@ from maritrack.types import FloatArray
 from tests.unit.scans import plain_config, step
 
 ALL = ("pmbm.prune_hypothesis=0", "pmbm.prune_existence=0", "pmbm.most_hypotheses=100000", "pmbm.most_children=100000",
-       "pmbm.group_limit=1000", "tracker.delete_existence=0")  # fmt: skip
+       "pmbm.group_limit=1000", "pmbm.most_in_scan=1000000", "tracker.delete_existence=0")  # fmt: skip
 SURVIVE, Q, SIGMA_M, SIGMA_V, P_D, LAM, R0 = 0.97, 0.05, 5.0, 10.0, 0.8, 1e-4, 0.3
 GATE = -2.0 * math.log(1.0 - 0.99)
 
