@@ -28,7 +28,7 @@ class ContourConfig:
     tolerance: float = 1e-3  # m and rad at which it has converged
     start: Literal["robust", "predicted"] = "robust"  # where it begins: also beside the points, or as predicted
     headings: int = 4  # that a new hull tries
-    density: Literal["implicit", "perimeter"] = "implicit"  # of a point along the hull: of its noise, or all round
+    density: Literal["implicit", "perimeter"] = "perimeter"  # of a point along the hull: of its noise, or all round
     most_points: int = 40  # of one hull that its shape is updated with, spread over its bearings; 0 = all
 
     def __post_init__(self) -> None:
@@ -55,6 +55,7 @@ class PmbmConfig:
     most_in_scan: int = 2000  # ... and of all groups of a scan together: each has as many, one at least
     most_children: int = 20  # associations of a hypothesis; extended, sec. 3.1 names none
     prune_hypothesis: float = 0.01  # share of the likeliest; extended, sec. 4.2
+    merge_distance2: float = 0.0  # rows of a track whose states are as near, by the likelier one's covariance, are one
     prune_existence: float = 0.01  # extended, sec. 4.2
     prune_poisson: float = 0.01  # extended, sec. 4.2
     most_poisson: int = 500  # components
@@ -62,7 +63,7 @@ class PmbmConfig:
     extract_existence: float = 0.5  # extended, sec. 4.2
     p_survive_scan: float = 0.0  # in a scan that moves the clock; 0 = model.p_survive, a second
     group_limit: int = 40  # tracks and clusters of a larger group are merged, their shares by belief propagation
-    most_searched: int = 4  # hypotheses of a group whose associations of points are searched; others have whole cells
+    most_searched: int = 2  # hypotheses of a group whose associations of points are searched; others have whole cells
     iterations: int = 50  # of the stochastic optimisation, for each point
     sample_moves: int = 40  # at most so many changes of one association
     partition_eps_m: tuple[float, ...] = (1.0, 2.0, 4.0)  # distances that cut points into cells, beside the clusters
@@ -91,6 +92,7 @@ class PmbmConfig:
             require(getattr(self, name) >= 1, f"pmbm.{name} starts at 1")
         require(self.iterations >= 0 and self.sample_moves >= 0, "pmbm: iterations must not be negative")
         require(all(0 < eps < math.inf for eps in self.partition_eps_m), "pmbm.partition_eps_m: greater than 0, finite")
+        require(self.merge_distance2 >= 0, "pmbm.merge_distance2 must not be negative; 0 = none")
         require(self.rate_window > 1.0, "pmbm.rate_window is greater than 1")
         for name in ("rate_shape", "rate_scale", "birth_weight", "birth_radius_m", "birth_sigma_m", "birth_sigma_mps"):
             positive(f"pmbm.{name}", getattr(self, name))

@@ -22,6 +22,8 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 
 CLUTTER = -1
 BLOCK_SHARE = 0.2
+PATIENCE = 12  # changes that lead to nothing new that is likely, after which a chain ends
+LIKELY = 7.0  # log weight below the best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +52,15 @@ def sample(
 ) -> Visited:  # fmt: skip
     """Associations that a chain from `start` (n,) visits; `cell` (n,) and place z (n, 2) say what blocks there are.
 
-    With block_share = 0 it is Gibbs sampling, whose time in a state tends to the state's probability.
+    With block_share = 0 it is Gibbs sampling, whose time in a state tends to the state's probability; else the chain
+    ends when it finds nothing likely any more.
     """
     state = start.copy()
     n, s = len(state), len(slots.log_base)
     log_w = {state.tobytes(): float(totals(slots, np.arange(s), _masks(state, s)).sum())}
     spent = dict.fromkeys(log_w, 0)
     left, gain, stale = iterations, np.zeros((n, s + 1)), np.arange(s)
+    best, idle = max(log_w.values()), 0
     for _ in range(most_moves):
         gain[:, stale] = gains(slots, stale, _masks(state, s)[stale]).T
         share = _softmax(gain)
@@ -82,9 +86,14 @@ def sample(
             state[blocks[k]] = to[k]
         touched = np.unique(np.concatenate([before[before != state], state[before != state]]))
         stale = touched[touched >= 0]
+        idle += 1
         if state.tobytes() not in log_w:
-            log_w[state.tobytes()] = float(totals(slots, np.arange(s), _masks(state, s)).sum())
+            log_w[state.tobytes()] = found_w = float(totals(slots, np.arange(s), _masks(state, s)).sum())
             spent[state.tobytes()] = 0
+            idle = 0 if found_w > best - LIKELY else idle
+            best = max(best, found_w)
+        if block_share > 0 and idle >= PATIENCE:
+            break
     found = sorted(log_w, key=lambda key: -log_w[key])[:most]
     rows = [np.frombuffer(key, start.dtype) for key in found]
     return Visited(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from maritrack.errors import ConfigError
-from maritrack.objects import contour
+from maritrack.objects import contour, reduction
 from maritrack.settings import Config
 from maritrack.trackers import (
     association,
@@ -78,6 +78,7 @@ class Pmbm:
         old_ns = np.append(state.rows.tracks.t_ns, 0)[parent]  # a newborn row has no past
         dt_s = np.where(parent >= 0, tracklist.seconds(rows.tracks.t_ns - old_ns), 0.0)
         rows = replace(rows, tracks=tracklist.follow(rows.tracks, np.maximum(dt_s, 0.0), config.tracker))
+        rows, factors, parent = merged(rows, factors, parent, config)
         shown, row = representatives(rows, factors)
         shown = evidence.learn(shown, 1.0 - explained)
         rows = replace(rows, tracks=replace(
@@ -150,6 +151,42 @@ def made(outcome: Outcome, evidence: Any, next_id: int) -> tuple[Bernoullis, tup
     rows = replace(rows, tracks=replace(rows.tracks, next_id=next_id + len(cells)))
     rows, factors, parent = _ordered(rows, factors, np.flatnonzero(keep), parent)
     return rows, factors, explained, parent
+
+
+def merged(
+    rows: Bernoullis, factors: tuple[Factor, ...], parent: IntArray, config: Config
+) -> tuple[Bernoullis, tuple[Factor, ...], IntArray]:
+    """The mixture where rows of a track that are alike are the likeliest of them, and equal hypotheses one.
+
+    Alike are states within `pmbm.merge_distance2` by the covariance of the likelier one, and existences within 0.05.
+    """
+    rules = config.pmbm
+    if rules.merge_distance2 == 0.0 or not factors:
+        return rows, factors, parent
+    p, _ = hypotheses.probability(factors, len(rows))
+    d = rows.tracks.density
+    x, P = (d.x, d.P) if rows.x.shape[1] == 0 else (rows.x, rows.P)
+    place = np.arange(len(rows))
+    for factor in factors:
+        for column in factor.row.T:
+            mine = np.unique(column[column >= 0])
+            mine = mine[np.argsort(-p[mine], kind="stable")]
+            a, b = np.triu_indices(len(mine), 1)
+            i, j = mine[a], mine[b]
+            gap = x[j] - x[i]
+            away2 = (gap * np.linalg.solve(P[i], gap[..., None])[..., 0]).sum(axis=1)
+            near = (away2 < rules.merge_distance2) & (
+                np.abs(rows.tracks.existence[i] - rows.tracks.existence[j]) < 0.05
+            )
+            place[mine] = mine[reduction.leaders(a[near], b[near], len(mine))]
+    left: list[Factor] = []
+    for factor in factors:
+        row = np.where(factor.row >= 0, place[factor.row], -1)
+        single, rest = hypotheses.tidy(factor.log_w, row, least=rules.prune_hypothesis, most=rules.most_hypotheses)
+        left += [hypotheses.alone(r) for r in single] + ([rest] if rest is not None else [])
+    were = hypotheses.used(factors, len(rows))
+    keep = ~were | hypotheses.used(left, len(rows))
+    return _ordered(rows, tuple(left), np.flatnonzero(keep), parent)
 
 
 def _ordered(

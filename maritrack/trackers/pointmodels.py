@@ -130,7 +130,7 @@ class HullModel:
         return np.asarray(matrix2.inverse(S)[:, 0, 0] * found.e[:, 0] ** 2)
 
     def fit(self, rows: Bernoullis, sets: Sets, sensor_m: FloatArray, headings: int) -> tuple[Bernoullis, FloatArray]:
-        """The iterated filter; of many points, spread over the bearings, with a likelihood of as many."""
+        """The iterated filter, of many points by some of them, spread over the bearings."""
         most, count = self.rules.most_points, sets.count
         z, use = sets.z, sets.use
         if 0 < most < z.shape[1]:
@@ -143,7 +143,11 @@ class HullModel:
             use = np.take_along_axis(use, at, axis=1) & (~few | (np.arange(most) < count[:, None]))
         start = iekf.starts(rows.x, rows.P, z, use, sensor_m, headings, self.rules)
         found = iekf.fit(rows.x, rows.P, z, use, start, self.rules)
-        log_l = found.log_likelihood * count / np.maximum(use.sum(axis=1), 1)
+        more = count - use.sum(axis=1)  # those that were left out weigh as the others do on the fit
+        log_l = found.log_likelihood
+        if more.any():
+            each = iekf.log_on_hull(found.x, z, self.rules)
+            log_l = log_l + more * np.where(use, each, 0.0).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
         return self._shown(replace(rows, x=found.x, P=found.P)), log_l
 
     def linear(
@@ -155,10 +159,7 @@ class HullModel:
         A = found.H / np.sqrt(found.var)[..., None]
         e = np.stack([found.e, np.zeros_like(found.e)], axis=-1) / np.sqrt(found.var)
         y = e + np.einsum("knad,kd->kna", A, fitted.x - rows.x)
-        log_noise = -math.log(2.0 * math.pi) - 0.5 * np.log(found.var).sum(axis=-1)
-        if self.rules.density == "perimeter":
-            s = 0.5 * math.log(2.0 * math.pi) + math.log(self.rules.sigma_point_m)
-            log_noise = log_noise + (s - np.log(iekf.perimeter(fitted.x, self.rules)))[:, None]
+        log_noise = iekf.log_noise(fitted.x, found, self.rules)
         info = np.linalg.inv(rows.P)
         return A, y, log_noise, (info + info.transpose(0, 2, 1)) / 2
 

@@ -23,8 +23,30 @@ LEAST_LOG_U = -30.0  # a cell that is new with less is no slot
 
 
 def whole_cells(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: int) -> Children:
-    """Cells of the clustering, each to a row or to nobody: what is in the row's gate of it."""
-    return _assigned(ev, rows, [elements], most)
+    """Cells of the clustering, each to a row or to nobody: what is in the row's gate of it.
+
+    Or where several rows have a cell in their gates, the points of it that are nearest to each of them.
+    """
+    shared = _nearest_parts(ev, rows, elements)
+    return _assigned(ev, rows, [elements, shared] if len(shared) else [elements], most)
+
+
+def _nearest_parts(ev: PointEvidence, rows: IntArray, elements: IntArray) -> IntArray:
+    """The cells, those in the gates of several rows cut up among these; none where no cell is."""
+    owners = {c: [row for row in rows.tolist() if (row, c) in ev.inside] for c in elements.tolist()}
+    if all(len(some) < 2 for some in owners.values()):
+        return elements[:0]
+    found: list[int] = []
+    for c, some in owners.items():
+        points = ev.cells.points[c]
+        if len(some) < 2 or len(points) < 2:
+            found.append(c)
+            continue
+        i, j = np.repeat(some, len(points)), np.tile(points, len(some))
+        away2 = ev.model.distance2(ev.before, i, ev.cells.z[j], ev.cells.R[j]).reshape(len(some), len(points))
+        nearest = away2.argmin(axis=0)
+        found += [ev.cells.number(points[nearest == k]) for k in np.unique(nearest).tolist()]
+    return np.array(sorted(found), np.int64)
 
 
 def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: int) -> Children:
@@ -39,6 +61,8 @@ def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: i
         if halves:
             found.add(tuple(sorted([*(e for e in elements.tolist() if e != c), *halves])))
     every = [np.array(one, np.int64) for one in sorted(found)]
+    shared = _nearest_parts(ev, rows, elements)
+    every += [shared] if len(shared) else []
     return _assigned(ev, rows, every, most)
 
 
@@ -69,7 +93,7 @@ def _in_gate(ev: PointEvidence, row: int, cell: int, elements: IntArray) -> int:
 
 
 def _assigned(ev: PointEvidence, rows: IntArray, every: list[IntArray], most: int) -> Children:
-    base = every[0] if len(every) == 1 else np.unique(np.concatenate([e[e < ev.n_elements] for e in every]))
+    base = np.unique(np.concatenate([e[e < ev.n_elements] for e in every]))
     ev.try_new([c for cells in every for c in cells.tolist() if c >= ev.n_elements])
     known: dict[tuple[int, ...], float] = {}
     table = {

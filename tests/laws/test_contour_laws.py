@@ -13,7 +13,7 @@ from maritrack.contoursettings import ContourConfig
 from maritrack.objects import contour, iekf, rate
 from maritrack.types import FloatArray
 
-RULES = ContourConfig(length_m=6.0, width_m=3.0)
+RULES = ContourConfig(length_m=6.0, width_m=3.0, density="implicit")
 
 
 def hulls(k: int, seed: int, rules: ContourConfig = RULES) -> tuple[FloatArray, FloatArray]:
