@@ -23,7 +23,7 @@ from tests.shared import shared
 SHIPS = {"CHARLESTON EXPRESS": "367168640", "CORNELIS": "210574000"}
 SOLENT = ("score.hold_m=250.0", 'score.truth_lag_s="210574000=37"')
 SCENARIOS = (2, 3, 4, 13, 17)
-PAPER = ("sprt", "ipda", "jipda", "cb-giw-phd", "gm-phd", "smc-phd", "engm-phd")
+PAPER = ("sprt", "ipda", "jipda", "cb-giw-phd", "gm-phd", "smc-phd", "engm-phd", "giw-pmbm")
 
 
 def summary(path: Path, truth: Path | None, sets: Sequence[str]) -> dict[str, Any]:
