@@ -11,7 +11,7 @@ from maritrack.associate.marginals import log_missed_weight, sparse_marginals
 from maritrack.associate.murty import k_best
 from maritrack.objects import giw
 from maritrack.settings import Config
-from maritrack.trackers import bernoullis, steps, tracklist
+from maritrack.trackers import bernoullis, stationary, steps, tracklist
 from maritrack.trackers.association import Children
 from maritrack.trackers.bernoullis import Bernoullis
 from maritrack.trackers.steps import Sight
@@ -176,7 +176,7 @@ def look(
     gone = tracklist.count(ours.tracks, np.zeros(n, bool), scan.sensor.id)
     left = (1.0 - p * model.p_gate) * r / np.exp(log_miss)
     gone = replace(gone, existence=np.minimum(left, 1.0), cluster=np.full(n, -1, np.int64))
-    gone = tracklist.hold_covered(
+    gone = stationary.hold_covered(
         gone, rows.tracks, np.zeros(n, bool), sight.covered[:n], scan.covered, config.tracker
     )  # fmt: skip
     theirs = bernoullis.rows(before, np.arange(n, len(both)))

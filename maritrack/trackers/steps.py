@@ -17,7 +17,7 @@ from maritrack.objects import giw, matrix2
 from maritrack.objects.gate import gate
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
-from maritrack.trackers import hulls, tracklist
+from maritrack.trackers import hulls, stationary, tracklist
 from maritrack.trackers.clutter import clutter_at, learn_clutter
 from maritrack.trackers.cluttermap import learn_map, map_density
 from maritrack.trackers.tracklist import TrackList
@@ -85,17 +85,10 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
     seen = geo.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    share = covered(tracks, scan, config)
+    share = stationary.covered(tracks, scan, config)
     p_detect = model.p_detect * np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
     sight = Sight(tracks, np.where(seen, p_detect, 0.0), pairs, dt_s, clock_back, cut, share)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight
-
-
-def covered(tracks: TrackList, scan: Scan, config: Config) -> FloatArray:
-    """Share of each track (t,) whose points are taken away as background: none of those that are spared."""
-    share = tracklist.covered_share(tracks, scan.covered)
-    spared = tracks.confirmed & tracks.moving & (config.subtract.spare == "moving")
-    return np.where(spared, 0.0, share)
 
 
 def keep(sight: Sight, which: BoolArray) -> Sight:
@@ -206,7 +199,7 @@ def carry_on(
     hit, sensor, unexplained = outcome.hit, scan.sensor.id, outcome.unexplained
     tracks = tracklist.count(sight.tracks, hit, sensor)  # out of sight is a miss: what nobody sees coasts and ends
     tracks = replace(tracks, density=outcome.density, existence=outcome.existence, cluster=outcome.cluster)
-    tracks = tracklist.hold_covered(tracks, state, hit, sight.covered, scan.covered, config.tracker)
+    tracks = stationary.hold_covered(tracks, state, hit, sight.covered, scan.covered, config.tracker)
     tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
     tracks = with_clutter(tracks, clusters, unexplained, scan, config)
     tracks = tracklist.manage(tracks, config)

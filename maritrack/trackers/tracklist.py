@@ -24,7 +24,6 @@ from maritrack.types import (
     Clusters,
     FloatArray,
     IntArray,
-    Mask,
     Points,
     Scan,
     Tracks,
@@ -130,46 +129,6 @@ def beam_time(scan: Scan, points: Points, position_m: FloatArray) -> IntArray:
     turned = geo.wrap_positive(azimuth - points.azimuth_rad[first]) / geo.TWO_PI
     since_ns = np.rint(turned * duration_ns).astype(np.int64) + points.t_ns[first] - scan.t_start_ns
     return np.asarray(scan.t_start_ns + since_ns % duration_ns)
-
-
-def covered_share(tracks: TrackList, mask: Mask | None) -> FloatArray:
-    """Share of each track (t,) that lies in the background: of its centre and of the middles of its semi-axes."""
-    if mask is None or len(tracks) == 0:
-        return np.zeros(len(tracks))
-    half_m2, major = matrix2.eigen(tracks.density.X)
-    axes = np.stack([major, major[:, ::-1] * (-1.0, 1.0)], axis=1)  # (t, 2, 2) one a row
-    arms = 0.5 * np.sqrt(np.maximum(half_m2, 0.0))[:, :, None] * axes
-    offset = np.concatenate([np.zeros((len(tracks), 1, 2)), arms, -arms], axis=1)
-    at = tracks.density.x[:, None, :2] + offset
-    return np.asarray(geo.in_mask(mask, at.reshape(-1, 2)).reshape(len(tracks), 5).mean(axis=1))
-
-
-def hold_covered(
-    tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, mask: Mask | None, rules: TrackerConfig
-) -> TrackList:
-    """The list where confirmed tracks that were missed, at least half of them in the background, stay as they were.
-
-    They keep the existence, the place and the misses of the scan before, without velocity, and less certain by a
-    pixel when it begins: the background hides a vessel as it is, and where it is to within that.
-    """
-    held = tracks.confirmed & ~hit & (share >= 0.5)
-    if mask is None or not rules.stationary_s or not held.any():
-        return replace(tracks, held_s=np.zeros(len(tracks)))
-    d, old, again = tracks.density, before.density, before.held_s > 0
-    still = old.x * np.array([1.0, 1.0, 0.0, 0.0])
-    spread = old.P.copy()
-    spread[:, :2, 2:] = spread[:, 2:, :2] = 0.0
-    spread[:, :2, :2] += np.where(again, 0.0, mask.pixel_m**2)[:, None, None] * np.eye(2)
-    rows = held[:, None]
-    density = Giw(
-        np.where(rows, still, d.x), np.where(rows[:, None], spread, d.P), np.where(rows[:, None], old.X, d.X),
-        np.where(held, old.alpha, d.alpha),
-    )  # fmt: skip
-    since_s = np.maximum(seconds(tracks.t_ns - before.t_ns), 1e-9)
-    return replace(
-        tracks, density=density, existence=np.where(held, before.existence, tracks.existence),
-        misses=np.where(held, before.misses, tracks.misses), held_s=np.where(held, before.held_s + since_s, 0.0),
-    )  # fmt: skip
 
 
 def birth_existence(config: Config, clutter_density: FloatArray) -> FloatArray:

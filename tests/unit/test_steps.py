@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from maritrack import geo
 from maritrack.objects.giw import Giw
-from maritrack.trackers import steps, tracklist
+from maritrack.trackers import stationary, steps, tracklist
 from maritrack.trackers.cluttermap import map_density
 from maritrack.tracksettings import ClutterMapConfig
 from maritrack.types import Clusters, Mask
@@ -57,9 +57,9 @@ def test_none_is_covered_that_is_confirmed_and_moves_where_such_are_spared() -> 
     here = Mask(geo.pixel_key(np.zeros((1, 2)), 100.0, (-50.0, -50.0)), 100.0, (-50.0, -50.0))
     scan = replace(scan_of(PLACES, 1.0)[0], covered=here)
     four = tracks(4, confirmed=np.array([True, True, False, False]), moving=np.array([True, False, True, False]))
-    assert steps.covered(four, scan, config).tolist() == [0.0, 1.0, 1.0, 1.0]
+    assert stationary.covered(four, scan, config).tolist() == [0.0, 1.0, 1.0, 1.0]
     unspared = replace(config, subtract=replace(config.subtract, spare="none"))
-    assert steps.covered(four, scan, unspared).tolist() == [1.0] * 4
+    assert stationary.covered(four, scan, unspared).tolist() == [1.0] * 4
 
 
 @pytest.mark.parametrize(("pixel_m", "share"), [(80.0, 0.2), (120.0, 1.0), (240.0, 1.0)])
@@ -69,7 +69,7 @@ def test_covered_are_the_centre_and_the_middles_of_the_semi_axes(pixel_m: float,
     mask = Mask(geo.pixel_key(np.zeros((1, 2)), pixel_m, corner), pixel_m, corner)
     one = tracks(1)
     one = replace(one, density=replace(one.density, X=100.0**2 * np.eye(2)[None]))
-    assert_allclose(tracklist.covered_share(one, mask), share)
+    assert_allclose(stationary.covered_share(one, mask), share)
 
 
 @pytest.mark.parametrize(("share", "held"), [(0.4, False), (0.6, True), (1.0, True)])
@@ -78,6 +78,6 @@ def test_a_track_is_held_that_is_covered_by_half(share: float, held: bool) -> No
     before = tracks(1, confirmed=np.ones(1, bool))
     after = replace(before, t_ns=before.t_ns + 10**9, misses=before.misses + 1)
     mask = Mask(np.zeros(0, np.int64), 100.0)
-    found = tracklist.hold_covered(after, before, np.zeros(1, bool), np.array([share]), mask, rules)
+    found = stationary.hold_covered(after, before, np.zeros(1, bool), np.array([share]), mask, rules)
     assert (found.held_s[0] > 0) == held and found.misses[0] == (0 if held else 1)
     assert isinstance(found.density, Giw)

@@ -1,0 +1,84 @@
+"""Tracks that the background has taken: which they are, and how they stay as they were until they leave.
+
+A vessel that stops becomes background, and its echoes are taken away. Every tracker keeps such a track in the same
+way: `covered` says how much of it is hidden, `takes` whom the background takes, `lying` where it lies meanwhile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from maritrack import geo
+from maritrack.objects import matrix2
+from maritrack.objects.giw import Giw
+from maritrack.settings import Config
+from maritrack.trackers import tracklist
+from maritrack.trackers.tracklist import TrackList
+from maritrack.tracksettings import TrackerConfig
+from maritrack.types import BoolArray, FloatArray, Mask, Scan
+
+LEAST_S = 1e-9  # what is held has been so for longer than 0
+
+
+def covered(tracks: TrackList, scan: Scan, config: Config) -> FloatArray:
+    """Share of each track (t,) whose points are taken away as background: none of those that are spared."""
+    share = covered_share(tracks, scan.covered)
+    spared = tracks.confirmed & tracks.moving & (config.subtract.spare == "moving")
+    return np.where(spared, 0.0, share)
+
+
+def covered_share(tracks: TrackList, mask: Mask | None) -> FloatArray:
+    """Share of each track (t,) that lies in the background: of its centre and of the middles of its semi-axes."""
+    if mask is None or len(tracks) == 0:
+        return np.zeros(len(tracks))
+    half_m2, major = matrix2.eigen(tracks.density.X)
+    axes = np.stack([major, major[:, ::-1] * (-1.0, 1.0)], axis=1)  # (t, 2, 2) one a row
+    arms = 0.5 * np.sqrt(np.maximum(half_m2, 0.0))[:, :, None] * axes
+    offset = np.concatenate([np.zeros((len(tracks), 1, 2)), arms, -arms], axis=1)
+    at = tracks.density.x[:, None, :2] + offset
+    return np.asarray(geo.in_mask(mask, at.reshape(-1, 2)).reshape(len(tracks), 5).mean(axis=1))
+
+
+def takes(tracks: TrackList, hit: BoolArray, share: FloatArray, rules: TrackerConfig) -> BoolArray:
+    """Whom (t,) the background takes: confirmed tracks that were not `hit`, at least half of them covered."""
+    return np.asarray(tracks.confirmed & ~hit & (share >= 0.5) & (rules.stationary_s > 0))
+
+
+def lying(x: FloatArray, P: FloatArray, again: BoolArray, pixel_m: float) -> tuple[FloatArray, FloatArray]:
+    """States (n, 2 axes), positions before velocities, and covariances of what lies where it was before a scan.
+
+    Without velocity, and less certain by a pixel when it begins, not `again` (n,): the background hides a vessel as
+    it is, and where it is to within that.
+    """
+    axes = x.shape[1] // 2
+    still, spread = x.copy(), P.copy()
+    still[:, axes:] = 0.0
+    spread[:, :axes, axes:] = spread[:, axes:, :axes] = 0.0
+    spread[:, :2, :2] += np.where(again, 0.0, pixel_m**2)[:, None, None] * np.eye(2)
+    return still, spread
+
+
+def hold_covered(
+    tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, mask: Mask | None, rules: TrackerConfig
+) -> TrackList:
+    """The list after a scan where those that the background takes stay as they were.
+
+    They keep the existence, the place and the misses of the scan before.
+    """
+    held = takes(tracks, hit, share, rules)
+    if mask is None or not held.any():
+        return replace(tracks, held_s=np.zeros(len(tracks)))
+    d, old = tracks.density, before.density
+    still, spread = lying(old.x, old.P, before.held_s > 0, mask.pixel_m)
+    rows = held[:, None]
+    density = Giw(
+        np.where(rows, still, d.x), np.where(rows[:, None], spread, d.P), np.where(rows[:, None], old.X, d.X),
+        np.where(held, old.alpha, d.alpha),
+    )  # fmt: skip
+    since_s = np.maximum(tracklist.seconds(tracks.t_ns - before.t_ns), LEAST_S)
+    return replace(
+        tracks, density=density, existence=np.where(held, before.existence, tracks.existence),
+        misses=np.where(held, before.misses, tracks.misses), held_s=np.where(held, before.held_s + since_s, 0.0),
+    )  # fmt: skip
