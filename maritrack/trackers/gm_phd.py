@@ -12,7 +12,7 @@ import numpy as np
 
 from maritrack.objects import mixture
 from maritrack.settings import Config
-from maritrack.trackers import intensity, labels, links, readings, steps
+from maritrack.trackers import berths, intensity, labels, links, readings, steps
 from maritrack.trackers.intensity import Intensity, IntensityState
 from maritrack.trackers.labels import Found
 from maritrack.trackers.readings import Readings
@@ -43,15 +43,20 @@ class GmPhd:
         prior = intensity.join(intensity.moved(state.intensity, dt_s, config), born)
         seen = readings.read(scan, points, clusters, state.tracks, config)
         posterior, cluster, unexplained = updated(prior, seen, scan, points, t_ns, config)
-        reduced, lead = reduce(posterior, config)
-        found, copies, label = objects(reduced, cluster[lead], state.copies, label, config)
-        tracks, up, unreported = labels.followed(state, found, t_ns, dt_s, scan.sensor.id, label, config)
+        stays, there = berths.step(
+            state, posterior, cluster, seen, unexplained, scan, points, (t_ns, dt_s, back), config
+        )
+        reduced, lead = reduce(intensity.rows(posterior, stays), config)
+        found, copies, label = objects(reduced, cluster[stays][lead], state.copies, label, config)
+        tracks, whole, unreported = labels.followed(state, found, there, t_ns, dt_s, scan.sensor.id, label, config)
         free = np.ones(len(clusters))
-        free[seen.cluster] = unexplained
+        free[seen.cluster] = there.unexplained
         tracks = steps.with_clutter(tracks, clusters, free, scan, config)
-        born = intensity.born_at_clusters(tracks, seen, unexplained, scan, clusters, t_ns, config)
+        born = intensity.born_at_clusters(tracks, seen, there.unexplained, scan, clusters, t_ns, config)
+        born = intensity.join(born, there.left)
         kept = replace(reduced, label=found.label[: len(reduced)])
-        return IntensityState(kept, born, t_ns, state.k + 1, tracks, up, unreported, copies), Info(clock_back=back)
+        after = IntensityState(kept, born, t_ns, state.k + 1, tracks, whole, unreported, copies)
+        return after, Info(clock_back=back)
 
     def estimate(self, state: IntensityState) -> Tracks:
         """Components heavier than `intensity.extract_weight` are confirmed."""
@@ -66,7 +71,7 @@ def updated(
     Also the cluster of each component, -1 = missed, and the share of each measurement that clutter has.
     Eq: engm-4, engm-6
     """
-    p_detect, pairs, log_w, unexplained = weighed(prior, seen, scan, points, t_ns, config)
+    p_detect, pairs, log_w, unexplained = links.weighed(prior, seen, scan, points, t_ns, config)
     least = config.intensity.prune_weight
     heavy = np.flatnonzero(log_w >= np.log(least))
     x, P = links.update(prior.x, prior.P, pairs, heavy, seen.R)
@@ -77,23 +82,6 @@ def updated(
     cluster = np.concatenate([seen.cluster[pairs.j[heavy]], np.full(len(stays), -1, np.int64)])
     order = np.lexsort((np.arange(len(both)), -both.w))
     return intensity.rows(both, order), cluster[order], unexplained
-
-
-def weighed(
-    prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: int, config: Config
-) -> tuple[FloatArray, links.Links, FloatArray, FloatArray]:
-    """P_D (n,) of Gaussians, their pairs with measurements, the pairs' log weights, the clutter's shares."""
-    own_s = intensity.own_time(prior, scan, points, t_ns)
-    p_detect = readings.visible(scan, prior.x, config)
-    if config.intensity.gate == "none":
-        i, j = links.all_pairs(len(prior), len(seen))
-    else:
-        i, j = links.gated(prior.x, prior.P, seen, t_ns, own_s, config.model.p_gate)
-    pairs = links.link(prior.x, prior.P, seen, i, j, t_ns, own_s)
-    with np.errstate(divide="ignore"):  # what is out of sight has no weight
-        log_detected = np.log(p_detect * prior.w)
-    log_w, unexplained = intensity.shares(log_detected[i] + links.log_likelihood(pairs), seen.log_kappa, j)
-    return p_detect, pairs, log_w, unexplained
 
 
 def reduce(posterior: Intensity, config: Config) -> tuple[Intensity, IntArray]:

@@ -39,11 +39,11 @@ class IntensityState:
     """All that survives from one scan to the next."""
 
     intensity: Intensity
-    born: Intensity  # Gaussians that join in the next scan
+    born: Intensity  # Gaussians that join in the next scan, under their labels where they come from a berth
     t_ns: int  # of both
     k: int  # scans so far
     tracks: TrackList  # what is reported, by label, and its past
-    up: FloatArray  # (t, 2) up and its velocity of the tracks, in 3-D; else 0
+    found: Intensity  # the same with all axes; those that are held in the background are not in the intensity
     unreported: IntArray  # (t,) scans since a track was last reported
     copies: Mapping[tuple[int, int], int] = field(default_factory=dict)  # of gm-phd, by label and number: their label
 
@@ -60,10 +60,10 @@ def begin(config: Config) -> IntensityState:
     Deviates: engm-42 the paper begins with one component of a weight of 1e-16 "to favor births"; we with none.
     """
     none = nothing(sensing.AXES[config.intensity.measurement])
-    return IntensityState(none, none, 0, 0, tracklist.empty(), np.zeros((0, 2)), np.zeros(0, np.int64))
+    return IntensityState(none, none, 0, 0, tracklist.empty(), none, np.zeros(0, np.int64))
 
 
-def rows(d: Intensity, index: IntArray | BoolArray) -> Intensity:
+def rows(d: Intensity, index: IntArray | BoolArray | slice) -> Intensity:
     """The components `index`, in that order."""
     return Intensity(d.x[index], d.P[index], d.w[index], d.label[index])
 
@@ -114,9 +114,9 @@ def newborn(state: IntensityState, dt_s: float, config: Config) -> Intensity:
     With `intensity.birth_draws` each has a mean that was drawn from the mixture and the covariance of the mixture,
     as in the paper, which is then twice as wide as the mixture itself.   Eq: engm-44, engm-45
     """
-    rules = config.intensity
+    rules, born = config.intensity, replace(moved(state.born, dt_s, config), w=state.born.w)
     if rules.birth == "clusters":
-        return replace(moved(state.born, dt_s, config), w=state.born.w)
+        return born
     x = np.array([(*one.mean_m, *one.mean_mps) for one in rules.births])
     sigma = np.array([(*one.sigma_m, *one.sigma_mps) for one in rules.births])
     w = np.array([one.weight for one in rules.births])
@@ -126,7 +126,7 @@ def newborn(state: IntensityState, dt_s: float, config: Config) -> Intensity:
         x = x[which] + sigma[which] * rng.normal(size=(rules.birth_draws, x.shape[1]))
         sigma, w = sigma[which], np.full(rules.birth_draws, w.sum() / rules.birth_draws)
     P = sigma[:, :, None] ** 2 * np.eye(x.shape[1])
-    return Intensity(x, P, w, np.full(len(w), -1, np.int64))
+    return join(Intensity(x, P, w, np.full(len(w), -1, np.int64)), born)
 
 
 def labelled(d: Intensity, next_label: int) -> tuple[Intensity, int]:

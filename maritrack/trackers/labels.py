@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
-from maritrack.trackers import tracklist
-from maritrack.trackers.intensity import IntensityState
+from maritrack.trackers import intensity, stationary, tracklist
+from maritrack.trackers.berths import Berths
+from maritrack.trackers.intensity import Intensity, IntensityState
 from maritrack.trackers.tracklist import TrackList
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, BoolArray, FloatArray, IntArray, Tracks
 
@@ -42,14 +43,21 @@ def unique_labels(label: IntArray, w: FloatArray, next_label: int) -> tuple[IntA
 
 
 def followed(
-    state: IntensityState, found: Found, t_ns: int, dt_s: float, sensor: str, next_label: int, config: Config
-) -> tuple[TrackList, FloatArray, IntArray]:
-    """The list of tracks with one more scan, ordered by label, up and its velocity (t, 2), scans unreported (t,).
+    state: IntensityState, found: Found, berths: Berths, t_ns: int, dt_s: float, sensor: str, next_label: int,
+    config: Config,
+) -> tuple[TrackList, Intensity, IntArray]:  # fmt: skip
+    """The list of tracks with one more scan, ordered by label, the same with all axes, scans unreported (t,).
 
     A label that is new begins; one that is not found any more has ended. `confirmed` rows have been reported once.
+    Those that are held at their berths keep their misses.
     """
-    before, order = state.tracks, np.argsort(found.label)
-    label, x, P, w, cluster = found.label[order], found.x[order], found.P[order], found.w[order], found.cluster[order]
+    before, held = state.tracks, berths.held
+    all_ = intensity.join(Intensity(found.x, found.P, found.w, found.label), intensity.join(berths.left, held))
+    order = np.argsort(all_.label)
+    whole = intensity.rows(all_, order)
+    label, x, P = whole.label, whole.x, whole.P
+    cluster = np.concatenate([found.cluster, berths.cluster, np.full(len(held), -1)])[order]
+    rests = np.isin(label, held.label)
     n, axes = len(label), x.shape[1] // 2
     level = [0, 1, axes, axes + 1]
     at = np.minimum(np.searchsorted(before.id, label), max(len(before) - 1, 0))
@@ -63,16 +71,17 @@ def followed(
     density = Giw(x[:, level], P[np.ix_(range(n), level, level)], np.zeros((n, 2, 2)), np.full(n, 3.0))
     lag_m = np.where(known[:, None], past(before.lag_m, 0.0), x[:, :2])
     now = replace(
-        before, density=density, t_ns=np.full(n, t_ns), existence=w, id=label, hits=past(before.hits, 0),
+        before, density=density, t_ns=np.full(n, t_ns), existence=whole.w, id=label, hits=past(before.hits, 0),
         misses=past(before.misses, 0), confirmed=past(before.confirmed, False), lag_m=lag_m,
         moving=past(before.moving, False), settled=past(before.settled, 0.0), cluster=cluster,
-        told=past(before.told, tracklist.NOTHING), held_s=np.zeros(n), next_id=next_label,
+        told=past(before.told, tracklist.NOTHING), next_id=next_label,
+        held_s=np.where(rests, past(before.held_s, 0.0) + max(dt_s, stationary.LEAST_S), 0.0),
     )  # fmt: skip
     now = tracklist.count(now, cluster >= 0, sensor)
+    now = replace(now, misses=np.where(rests, past(before.misses, 0), now.misses))
     now = replace(now, confirmed=now.confirmed | reported(now, config))
     now = tracklist.follow(now, np.where(known, dt_s, 0.0), config.tracker)
-    up = x[:, [2, 5]] if axes == 3 else np.zeros((n, 2))
-    return now, up, np.where(reported(now, config), 0, past(state.unreported, 0) + 1)
+    return now, whole, np.where(reported(now, config), 0, past(state.unreported, 0) + 1)
 
 
 def reported(tracks: TrackList, config: Config) -> BoolArray:
@@ -84,10 +93,9 @@ def reported(tracks: TrackList, config: Config) -> BoolArray:
 def estimate(state: IntensityState, config: Config) -> Tracks:
     """All that is found, at the time of the intensity; heavier than `intensity.extract_weight` is confirmed."""
     tracks, rules = state.tracks, config.intensity
-    held = tracks.confirmed & (state.unreported <= rules.hold_scans)
-    status = np.where(reported(tracks, config), CONFIRMED, np.where(held, COASTED, TENTATIVE))
-    told = tracklist.estimate(tracks, config.tracker)
-    told = replace(told, status=status.astype(np.int64), existence=np.minimum(tracks.existence, 1.0), extent_dof=None)
+    late = tracks.confirmed & (state.unreported <= rules.hold_scans)
+    status = np.where(reported(tracks, config), CONFIRMED, np.where(late, COASTED, TENTATIVE))
+    told = replace(stationary.told(tracks, status, config.tracker), extent_dof=None)
     if config.intensity.measurement != "range-azimuth-elevation":
         return told
-    return replace(told, up_m=state.up[:, 0].copy(), vel_up_mps=state.up[:, 1].copy())
+    return replace(told, up_m=state.found.x[:, 2].copy(), vel_up_mps=state.found.x[:, 5].copy())

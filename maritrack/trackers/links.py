@@ -13,8 +13,11 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from maritrack.objects import sensing
+from maritrack.settings import Config
+from maritrack.trackers import intensity, readings
+from maritrack.trackers.intensity import Intensity
 from maritrack.trackers.readings import Readings
-from maritrack.types import FloatArray, IntArray
+from maritrack.types import FloatArray, IntArray, Points, Scan
 
 BLOCK = 1 << 21  # pairs looked at together
 
@@ -132,3 +135,20 @@ def gated(
         inside = distance2(link(x, P, readings, i, j, t_ns, own_s)) <= limit
         found.append((i[inside], j[inside]))
     return np.concatenate([i for i, _ in found]), np.concatenate([j for _, j in found])
+
+
+def weighed(
+    prior: Intensity, seen: Readings, scan: Scan, points: Points, t_ns: int, config: Config
+) -> tuple[FloatArray, Links, FloatArray, FloatArray]:
+    """P_D (n,) of Gaussians, their pairs with measurements, the pairs' log weights, the clutter's shares."""
+    own_s = intensity.own_time(prior, scan, points, t_ns)
+    p_detect = readings.visible(scan, prior.x, config)
+    if config.intensity.gate == "none":
+        i, j = all_pairs(len(prior), len(seen))
+    else:
+        i, j = gated(prior.x, prior.P, seen, t_ns, own_s, config.model.p_gate)
+    pairs = link(prior.x, prior.P, seen, i, j, t_ns, own_s)
+    with np.errstate(divide="ignore"):  # what is out of sight has no weight
+        log_detected = np.log(p_detect * prior.w)
+    log_w, unexplained = intensity.shares(log_detected[i] + log_likelihood(pairs), seen.log_kappa, j)
+    return p_detect, pairs, log_w, unexplained

@@ -39,7 +39,7 @@ class ParticlePhd:
         prior = self.predicted(state, born, clock[1], config)
         seen = readings.read(scan, points, clusters, state.tracks, config)
         drawn = self.updated(prior, seen, scan, points, clock[0], state.k, config)
-        return particles.carried_on(state, drawn, label, clock, seen, scan, clusters, config)
+        return particles.carried_on(state, drawn, label, clock, seen, scan, points, clusters, config)
 
     def estimate(self, state: IntensityState) -> Tracks:
         """Objects heavier than `intensity.extract_weight` are confirmed."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from maritrack.objects import mixture
 from maritrack.settings import Config
-from maritrack.trackers import intensity, kernels, labels, links, readings, steps
+from maritrack.trackers import berths, intensity, kernels, labels, links, readings, steps
 from maritrack.trackers.capped import capped_clusters
 from maritrack.trackers.intensity import Intensity, IntensityState, missed
 from maritrack.trackers.labels import Found
@@ -122,18 +122,21 @@ def paired(
 
 def carried_on(
     state: IntensityState, drawn: Drawn, label: int, clock: tuple[int, float, bool], seen: Readings, scan: Scan,
-    clusters: Clusters, config: Config,
+    points: Points, clusters: Clusters, config: Config,
 ) -> tuple[IntensityState, Info]:  # fmt: skip
     """The state after the update: objects found, particles named after them, births prepared."""
     t_ns, dt_s, back = clock
     rng = intensity.draws(config, state.k, intensity.EXTRACT)
-    d, found, label = objects(drawn, label, config, rng)
-    tracks, up, unreported = labels.followed(state, found, t_ns, dt_s, scan.sensor.id, label, config)
+    stays, there = berths.step(state, drawn.d, drawn.cluster, seen, drawn.unexplained, scan, points, clock, config)
+    left = replace(drawn, d=intensity.rows(drawn.d, stays), cluster=drawn.cluster[stays], group=drawn.group[stays])
+    d, found, label = objects(left, label, config, rng)
+    tracks, whole, unreported = labels.followed(state, found, there, t_ns, dt_s, scan.sensor.id, label, config)
     free = np.ones(len(clusters))
-    free[seen.cluster] = drawn.unexplained
+    free[seen.cluster] = there.unexplained
     tracks = steps.with_clutter(tracks, clusters, free, scan, config)
-    born = intensity.born_at_clusters(tracks, seen, drawn.unexplained, scan, clusters, t_ns, config)
-    return IntensityState(d, born, t_ns, state.k + 1, tracks, up, unreported), Info(clock_back=back)
+    born = intensity.born_at_clusters(tracks, seen, there.unexplained, scan, clusters, t_ns, config)
+    born = intensity.join(born, there.left)
+    return IntensityState(d, born, t_ns, state.k + 1, tracks, whole, unreported), Info(clock_back=back)
 
 
 def objects(drawn: Drawn, next_label: int, config: Config, rng: np.random.Generator) -> tuple[Intensity, Found, int]:

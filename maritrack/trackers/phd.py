@@ -14,7 +14,7 @@ import numpy as np
 from maritrack.objects import giw, reduction
 from maritrack.objects.giw import Giw
 from maritrack.settings import Config
-from maritrack.trackers import steps, tracklist
+from maritrack.trackers import stationary, steps, tracklist
 from maritrack.trackers.steps import Info, Sight
 from maritrack.trackers.tracklist import TrackList
 from maritrack.tracksettings import PhdConfig
@@ -60,24 +60,23 @@ class Phd:
         log_wl = steps.log_weights(
             sight, clusters, scan, points, sight.p_detect * sight.tracks.existence, config
         )  # w P_D P_G Lambda
+        held, rows, log_wl, log_w0 = set_aside(state, sight, log_wl, len(clusters), scan, config)
         log_w, unexplained = detected_weights(log_wl, sight.pairs.j, len(clusters))
-        log_w0 = missed_weights(sight, config.model.p_gate)
         mixture, parent = hypotheses(sight, clusters, log_w, log_w0, scan.sensor.id, config)
         eps_m = max(config.cluster.eps_m, config.cluster.eps_cells * scan.sensor.range_res_m)
         mixture, kept = reduce_mixture(mixture, steps.middle_ns(scan), eps_m, config)
-        moved_s = tracklist.seconds(sight.tracks.t_ns - state.t_ns)[parent[kept]]
-        mixture = tracklist.follow(mixture, moved_s, config.tracker)
+        moved_s = tracklist.seconds(sight.tracks.t_ns - state.t_ns)[np.concatenate([parent[kept], rows])]
+        mixture = tracklist.follow(_join(mixture, held), moved_s, config.tracker)
         mixture, left_out = give_birth(relabel(mixture, config.phd), scan, points, clusters, unexplained, config)
         return mixture, Info(0, sight.clock_back, sight.n_cut, left_out)
 
     def estimate(self, state: TrackList) -> Tracks:
         """Components at their own times: those above `phd.extract_weight` are confirmed, one track for each."""
         rules, w = self.config.phd, state.existence
-        held = state.confirmed & (state.misses > 0) & (state.misses <= rules.hold_scans)
+        late = state.confirmed & (state.misses > 0) & (state.misses <= rules.hold_scans)
         shown = (w > rules.extract_weight) & (state.hits >= rules.extract_hits)
-        status = np.where(shown, CONFIRMED, np.where(held, COASTED, TENTATIVE))
-        tracks = tracklist.estimate(state, self.config.tracker)
-        return replace(tracks, status=status.astype(np.int64), existence=np.minimum(w, 1.0))
+        status = np.where(shown, CONFIRMED, np.where(late, COASTED, TENTATIVE))
+        return stationary.told(state, status, self.config.tracker)
 
 
 def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, config: Config) -> Sight:
@@ -112,6 +111,33 @@ def missed_weights(sight: Sight, p_gate: float) -> FloatArray:
         return np.asarray(np.log(sight.tracks.existence) + np.log1p(-sight.p_detect * p_gate))
 
 
+def set_aside(
+    state: TrackList, sight: Sight, log_wl: FloatArray, n_clusters: int, scan: Scan, config: Config
+) -> tuple[TrackList, IntArray, FloatArray, FloatArray]:
+    """Components that the background takes, as they were before, and their rows; what the others weigh.
+
+    That is log w l of pairs (k,) and the log weights of components as predicted (t,), none for those that are taken.
+    They are out of the mixture until they win a cluster: nothing merges with them. What is seen to leave leaves
+    nothing behind: it was one vessel.
+    """
+    tracks, rules, log_w0 = sight.tracks, config.tracker, missed_weights(sight, config.model.p_gate)
+    i, j = sight.pairs.i, sight.pairs.j
+    log_w, free = detected_weights(log_wl, j, n_clusters)
+    hit = np.bincount(i, np.exp(log_w), len(tracks)) > 0.5
+    hit[i[stationary.winners(i, j, log_w, 1.0 - free)]] = True
+    rests = stationary.takes(tracks, hit, sight.covered, rules) & (state.existence >= rules.delete_existence)
+    rows = np.flatnonzero(rests)
+    missed = tracklist.count(tracklist.select(tracks, rows), np.zeros(len(rows), bool), scan.sensor.id)
+    held = stationary.hold_covered(
+        missed, tracklist.select(state, rows), hit[rows], sight.covered[rows], scan.covered, rules
+    )
+    held = replace(held, existence=np.minimum(held.existence, 1.0), cluster=np.full(len(rows), -1))
+    lasts = held.held_s <= rules.stationary_s
+    none = rests | (hit & (state.held_s > 0))
+    log_wl, log_w0 = np.where(rests[i], -np.inf, log_wl), np.where(none, -np.inf, log_w0)
+    return tracklist.select(held, lasts), rows[lasts], log_wl, log_w0
+
+
 def hypotheses(
     sight: Sight, clusters: Clusters, log_w: FloatArray, log_w0: FloatArray, sensor: str, config: Config
 ) -> tuple[TrackList, IntArray]:
@@ -129,7 +155,8 @@ def hypotheses(
     )
     missed = tracklist.count(tracklist.select(sight.tracks, stays), np.zeros(len(stays), bool), sensor)
     missed = replace(missed, existence=np.exp(log_w0[stays]), cluster=np.full(len(stays), -1, np.int64))
-    return _join(hit, missed), np.concatenate([pairs.i, stays])
+    both = _join(hit, missed)
+    return replace(both, held_s=np.zeros(len(both))), np.concatenate([pairs.i, stays])
 
 
 def _join(a: TrackList, b: TrackList) -> TrackList:

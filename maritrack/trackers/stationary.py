@@ -17,7 +17,7 @@ from maritrack.settings import Config
 from maritrack.trackers import tracklist
 from maritrack.trackers.tracklist import TrackList
 from maritrack.tracksettings import TrackerConfig
-from maritrack.types import BoolArray, FloatArray, Mask, Scan
+from maritrack.types import STATIONARY, BoolArray, FloatArray, IntArray, Mask, Scan, Tracks
 
 LEAST_S = 1e-9  # what is held has been so for longer than 0
 
@@ -82,3 +82,26 @@ def hold_covered(
         tracks, density=density, existence=np.where(held, before.existence, tracks.existence),
         misses=np.where(held, before.misses, tracks.misses), held_s=np.where(held, before.held_s + since_s, 0.0),
     )  # fmt: skip
+
+
+def winners(i: IntArray, j: IntArray, log_w: FloatArray, explained: FloatArray) -> IntArray:
+    """Rows of pairs (k,), one for each object i that wins a measurement j, by object.
+
+    A measurement that is `explained` (m,) by more than half goes to the object of its heaviest pair; of several an
+    object has the heaviest. Two that lie at one berth leave it one after the other, and not never.
+    """
+    order = np.lexsort((i, -log_w, j))
+    first = order[np.unique(j[order], return_index=True)[1]]
+    won = first[explained[j[first]] > 0.5]
+    order = won[np.lexsort((j[won], -log_w[won], i[won]))]
+    return np.asarray(order[np.unique(i[order], return_index=True)[1]])
+
+
+def told(tracks: TrackList, status: IntArray, rules: TrackerConfig) -> Tracks:
+    """What a list of components says to the outside, of the status (t,) each has unless the background holds it.
+
+    A weight may be above one, an existence not.
+    """
+    status = np.where(tracks.confirmed & (tracks.held_s > 0), STATIONARY, status)
+    shown = tracklist.estimate(tracks, rules)
+    return replace(shown, status=status.astype(np.int64), existence=np.minimum(tracks.existence, 1.0))

@@ -13,6 +13,7 @@ from maritrack.config import load_config
 from maritrack.detect.background import Background, no_background, under
 from maritrack.remarks import looked_at, remarks, untracked, unused_background
 from maritrack.settings import Config
+from maritrack.trackers import TRACKERS
 from maritrack.types import STATIONARY, Damage, FloatArray, Frame, Result
 from tests.runs import tracks
 from tests.unit.scans import scan_of
@@ -21,6 +22,7 @@ ABS = ("subtract.method=abs", "subtract.threshold=0", "subtract.start=empty", "s
        "subtract.pixel_m=100.0", "subtract.half_life_scans=15.0")  # fmt: skip
 TURN_S = 2.5
 VESSEL = np.array([[-30.0, 0.0], [0.0, 0.0], [30.0, 0.0]])  # three points, one cluster
+NORTH_M = 1030.0  # not on the edge of a pixel
 
 
 def config(tracker: str, *sets: str) -> Config:
@@ -40,7 +42,7 @@ def run(settings: Config, scans: list[FloatArray]) -> list[Result]:
 
 
 def along(east_m: Any) -> list[FloatArray]:
-    return [VESSEL + np.array([east, 1000.0]) for east in np.atleast_1d(east_m).tolist()]
+    return [VESSEL + np.array([east, NORTH_M]) for east in np.atleast_1d(east_m).tolist()]
 
 
 def a_call_at_a_berth() -> list[FloatArray]:
@@ -49,7 +51,7 @@ def a_call_at_a_berth() -> list[FloatArray]:
     return along(np.concatenate([-leave[::-1], np.zeros(84), leave]))
 
 
-@pytest.mark.parametrize("tracker", ["jipda", "ipda", "sprt"])
+@pytest.mark.parametrize("tracker", list(TRACKERS))
 def test_a_vessel_that_stops_is_stationary_in_the_background_and_leaves_under_its_id(tracker: str) -> None:
     results = run(config(tracker), a_call_at_a_berth())
     arrives, leaves = 60, 144
@@ -60,7 +62,7 @@ def test_a_vessel_that_stops_is_stationary_in_the_background_and_leaves_under_it
     hidden = results[leaves - 1]
     assert not hidden.keep.any() and len(hidden.clusters) == 0
     at = hidden.tracks.position_m[hidden.tracks.id == name[0]][0]
-    assert np.hypot(*(at - [0.0, 1000.0])) < 100.0
+    assert np.hypot(*(at - [0.0, NORTH_M])) < 100.0
     last = results[-1].tracks
     mine = last.id == name[0]
     assert last.moving[mine].all() and last.status[mine].tolist() != [STATIONARY]

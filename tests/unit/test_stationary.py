@@ -1,0 +1,146 @@
+"""Tracks that the background takes, of every tracker: all at once, side by side, passed by, out of sight, in gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from maritrack import geo
+from maritrack.cluster.stage import cluster_points
+from maritrack.settings import Config
+from maritrack.trackers import TRACKERS, stationary
+from maritrack.types import CONFIRMED, STATIONARY, FloatArray, Mask, Tracks
+from tests.unit.scans import plain_config, scan_of
+from tests.unit.test_tracklist import tracks
+
+PIXEL_M, CORNER_M = 50.0, (-25.0, -25.0)
+NOTHING = np.zeros((0, 2))
+EVERYWHERE = np.stack(np.meshgrid(np.arange(-3000, 3001, 50.0), np.arange(-3000, 3001, 50.0)), axis=-1).reshape(-1, 2)
+HARBOUR = np.stack(np.meshgrid([-1200.0, -400.0, 400.0, 1200.0], [300.0, 1000.0, 1700.0]), axis=-1).reshape(-1, 2)
+every_tracker = pytest.mark.parametrize("name", list(TRACKERS))
+
+
+def mask_at(*places: Any) -> Mask:
+    """The pixels at places (n, 2)."""
+    return Mask(np.unique(geo.pixel_key(np.concatenate(places), PIXEL_M, CORNER_M)), PIXEL_M, CORNER_M)
+
+
+def settings(name: str, *sets: str) -> Config:
+    clutter = ("model.clutter=fixed", "model.clutter_density_per_m2=1e-7")
+    return plain_config(name, "tracker.stationary_s=100.0", *clutter, *sets)
+
+
+def run(
+    config: Config, scans: list[tuple[FloatArray, Mask | None]], *, period_s: float = 2.0, times_s: Any = None
+) -> Iterator[Tracks]:
+    """The tracks after each of the scans: what is seen, and what is covered."""
+    tracker = TRACKERS[config.tracker_name](config)
+    state = tracker.init()
+    for k, (at, mask) in enumerate(scans):
+        scan, points = scan_of(at, times_s[k] if times_s is not None else period_s * k)
+        clusters = cluster_points(points, scan, config.cluster, config.input)
+        state, _ = tracker.update(state, replace(scan, covered=mask), points, clusters)
+        yield tracker.estimate(state)
+
+
+def confirmed(t: Tracks) -> dict[int, tuple[int, FloatArray]]:
+    """Status and place of the tracks that are confirmed in any way, by id."""
+    return {int(i): (int(s), p) for i, s, p in zip(t.id, t.status, t.position_m, strict=True) if s >= CONFIRMED}
+
+
+@every_tracker
+def test_a_mask_that_covers_all_holds_all_and_gives_all_back(name: str) -> None:
+    all_ = mask_at(EVERYWHERE)
+    scans = [(HARBOUR, None)] * 12 + [(NOTHING, all_)] * 20 + [(HARBOUR, None)] * 4
+    told = [confirmed(t) for t in run(settings(name), scans)]
+    assert len(told[11]) == len(HARBOUR)
+    for k in range(12, 32):
+        assert told[k].keys() == told[11].keys()
+        assert {status for status, _ in told[k].values()} == {STATIONARY}
+    lay = np.array([told[31][i][1] - told[11][i][1] for i in told[11]])
+    assert np.abs(lay).max() < 1.0
+    assert told[-1].keys() == told[11].keys()
+    assert {status for status, _ in told[-1].values()} == {CONFIRMED}
+
+
+@every_tracker
+def test_what_stays_covered_ends_after_the_stated_time_and_not_before(name: str) -> None:
+    scans = [(HARBOUR, None)] * 12 + [(NOTHING, mask_at(EVERYWHERE))] * 60
+    held = [len(confirmed(t)) for t in run(settings(name), scans)][12:]
+    assert held == [len(HARBOUR)] * 50 + [0] * 10
+    none = [confirmed(t) for t in run(settings(name, "tracker.stationary_s=0.0"), scans)]
+    assert not any(status == STATIONARY for one in none for status, _ in one.values())
+
+
+@every_tracker
+def test_two_at_one_berth_stay_two_and_leave_as_two(name: str) -> None:
+    berth = np.array([[0.0, 1000.0], [80.0, 1000.0]])
+    away = [berth + np.array([[-1.0, 0.0], [1.0, 0.0]]) * 5.0 * s for s in range(16)]
+    hidden = mask_at(berth)
+    scans = [(berth, None)] * 12 + [(NOTHING, hidden)] * 20
+    scans += [(at[~geo.in_mask(hidden, at)], hidden) for at in away]
+    told = [confirmed(t) for t in run(settings(name), scans)]
+    assert len(told[11]) == 2
+    assert told[31].keys() == told[11].keys()
+    west, east = sorted(told[11], key=lambda i: float(told[11][i][1][0]))
+    assert told[-1].keys() >= {west, east}
+    found = np.array([told[-1][west][1], told[-1][east][1]])
+    assert np.abs(found - away[-1]).max() < 20.0
+
+
+@every_tracker
+def test_what_passes_a_berth_does_not_take_its_vessel_along(name: str) -> None:
+    berth, passing = np.array([[0.0, 1000.0]]), [np.array([[-300.0 + 10.0 * k, 1060.0]]) for k in range(60)]
+    scans = [(np.concatenate([berth, at]), None) for at in passing[:12]]
+    scans += [(at, mask_at(berth)) for at in passing[12:]]
+    told = [confirmed(t) for t in run(settings(name), scans)]
+    lies, goes = sorted(told[11], key=lambda i: -float(told[11][i][1][0]))
+    assert told[-1].keys() == {lies, goes}
+    assert told[-1][lies][0] == STATIONARY
+    assert np.abs(told[-1][lies][1] - berth[0]).max() < 5.0
+    assert np.abs(told[-1][goes][1] - passing[-1][0]).max() < 20.0
+
+
+@every_tracker
+def test_a_mask_of_nothing_changes_nothing(name: str) -> None:
+    empty = Mask(np.zeros(0, np.int64), PIXEL_M, CORNER_M)
+    ways = [HARBOUR + np.array([4.0 * k, 0.0]) for k in range(10)] + [NOTHING] * 4
+    without, with_ = (list(run(settings(name), [(at, mask) for at in ways])) for mask in (None, empty))
+    for a, b in zip(without, with_, strict=True):
+        for field in ("id", "position_m", "velocity_mps", "cov", "existence", "status"):
+            assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+def test_a_measurement_goes_to_one_and_an_object_has_one() -> None:
+    i, j = np.array([0, 0, 1, 1, 2]), np.array([0, 1, 0, 1, 2])
+    log_w = np.log([0.4, 0.3, 0.5, 0.6, 0.4])
+    assert stationary.winners(i, j, log_w, np.array([0.9, 0.9, 0.4])).tolist() == [3]
+    assert stationary.winners(i, j, log_w, np.array([0.9, 0.4, 0.6])).tolist() == [2, 4]
+    log_w = np.log([0.6, 0.3, 0.3, 0.6, 0.4])
+    assert stationary.winners(i, j, log_w, np.array([0.9, 0.9, 0.5])).tolist() == [0, 3]
+    assert len(stationary.winners(i[:0], j[:0], log_w[:0], np.zeros(3))) == 0
+
+
+def test_what_lies_is_less_certain_by_a_pixel_once_and_has_no_velocity_in_any_number_of_axes() -> None:
+    for axes in (2, 3):
+        x, P = np.ones((2, 2 * axes)), np.tile(np.ones((2 * axes, 2 * axes)), (2, 1, 1))
+        still, spread = stationary.lying(x, P, np.array([False, True]), 10.0)
+        assert_array_equal(still, [[1.0] * axes + [0.0] * axes] * 2)
+        assert_array_equal(np.diagonal(spread[0]), [101.0, 101.0, *[1.0] * (2 * axes - 2)])
+        assert_array_equal(np.diagonal(spread[1]), np.ones(2 * axes))
+        assert_array_equal(spread[:, :axes, axes:], np.zeros((2, axes, axes)))
+        assert_array_equal(P, np.ones((2, 2 * axes, 2 * axes)))
+
+
+def test_only_confirmed_ones_that_were_missed_are_taken_and_none_where_none_is_to_be_kept() -> None:
+    rules = settings("jipda").tracker
+    three = tracks(3, confirmed=np.array([True, True, False]))
+    hit, share = np.array([False, True, False]), np.full(3, 0.5)
+    assert stationary.takes(three, hit, share, rules).tolist() == [True, False, False]
+    assert not stationary.takes(three, hit, share - 0.1, rules).any()
+    assert not stationary.takes(three, hit, share, replace(rules, stationary_s=0.0)).any()
