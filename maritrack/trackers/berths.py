@@ -35,17 +35,18 @@ def step(
     A track is taken with all that has its label, and is seen again where it has most of a measurement that is
     none of the clutter.
     """
-    known, nobody = np.flatnonzero(state.tracks.held_s > 0), intensity.rows(d, slice(0))
-    if scan.covered is None and len(known) == 0:
+    held_s, nobody = state.tracks.held_s, intensity.rows(d, slice(0))
+    lasts = held_s + max(clock[1], stationary.LEAST_S) <= config.tracker.stationary_s
+    known = np.flatnonzero((held_s > 0) & lasts)
+    if scan.covered is None and not held_s.any():
         return np.ones(len(d), bool), Berths(nobody, nobody, cluster[:0], unexplained)
     hidden = stationary.covered(state.tracks, scan, config)
-    taken, of = _taken(state, d, cluster, hidden, config)
+    taken, of = _taken(state, d, cluster, np.where(lasts, hidden, 0.0), config)
     held = intensity.rows(state.found, known)
     left, now, free, stays = _seen(held, hidden[known], seen, unexplained, scan, points, clock, config)
     rows = np.sort(np.concatenate([np.flatnonzero(taken), known[stays]]))
-    lasts = state.tracks.held_s[rows] + max(clock[1], stationary.LEAST_S) <= config.tracker.stationary_s
-    held, pixel_m = intensity.rows(state.found, rows[lasts]), 0.0 if scan.covered is None else scan.covered.pixel_m
-    x, P = stationary.lying(held.x, held.P, state.tracks.held_s[rows[lasts]] > 0, pixel_m)
+    held, pixel_m = intensity.rows(state.found, rows), 0.0 if scan.covered is None else scan.covered.pixel_m
+    x, P = stationary.lying(held.x, held.P, held_s[rows] > 0, pixel_m)
     held = replace(held, x=x, P=P, w=np.minimum(held.w, 1.0))
     return ~np.append(taken, False)[of], Berths(held, left, now, free)
 

@@ -48,9 +48,9 @@ class Pakf:
         confirmed.   Eq: abs-6
         """
         config = rules_of(self.config)
-        known = tracklist.known(state.tracks, steps.middle_ns(scan), config)
-        if not known.all():
-            state = Principal(tracklist.select(state.tracks, known), take(state.axes, known), state.recent[known])
+        known = steps.still_known(state.tracks, scan, config)
+        rows = np.isin(state.tracks.id, known.id)
+        state = Principal(known, take(state.axes, rows), state.recent[rows])
         sight = steps.look(state.tracks, scan, points, clusters, config)
         pairs, n, certain = sight.pairs, len(sight.tracks), np.ones(len(sight.tracks))
         log_w = steps.log_weights(sight, clusters, scan, points, sight.p_detect, config)

@@ -60,12 +60,23 @@ def lying(x: FloatArray, P: FloatArray, again: BoolArray, pixel_m: float) -> tup
     return still, spread
 
 
+def waiting(tracks: TrackList, lost: BoolArray, t_ns: int) -> TrackList:
+    """The list in which those of the `lost` (t,) that are held lie where they lay, until t_ns: others may be anywhere.
+
+    They are as certain as they were, and held for longer by the gap; the others are not touched.
+    """
+    waits = lost & (tracks.held_s > 0)
+    gap_s = np.where(waits, tracklist.seconds(t_ns - tracks.t_ns), 0.0)
+    return replace(tracks, t_ns=np.where(waits, t_ns, tracks.t_ns), held_s=tracks.held_s + gap_s)
+
+
 def hold_covered(
     tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, mask: Mask | None, rules: TrackerConfig
 ) -> TrackList:
     """The list after a scan where those that the background takes stay as they were.
 
-    They keep the existence, the place and the misses of the scan before.
+    They keep the existence, the place and the misses of the scan before. A scan that does not look where one is held
+    has a share of 1 there.
     """
     held = takes(tracks, hit, share, rules)
     if mask is None or not held.any():

@@ -63,9 +63,11 @@ def still_known(state: TrackList, scan: Scan, config: Config) -> TrackList:
     """The tracks whose place is known well enough to look for them in this scan; the others end before it.
 
     Combined pruning by kinematic uncertainty (polar, sec. II), on the predicted state: after the update one hit
-    has made it small again.
+    has made it small again. What is held in the background lies where it lay, for its stated time.
     """
     known = tracklist.known(state, middle_ns(scan), config)
+    state = stationary.waiting(state, ~known, scan.t_start_ns)
+    known = (known | (state.held_s > 0)) & (state.held_s <= config.tracker.stationary_s)
     return state if known.all() else tracklist.select(state, known)
 
 
@@ -85,7 +87,7 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
     seen = geo.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    share = stationary.covered(tracks, scan, config)
+    share = np.where(seen | (tracks.held_s == 0), stationary.covered(tracks, scan, config), 1.0)
     p_detect = model.p_detect * np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
     sight = Sight(tracks, np.where(seen, p_detect, 0.0), pairs, dt_s, clock_back, cut, share)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight

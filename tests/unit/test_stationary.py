@@ -22,6 +22,7 @@ PIXEL_M, CORNER_M = 50.0, (-25.0, -25.0)
 NOTHING = np.zeros((0, 2))
 EVERYWHERE = np.stack(np.meshgrid(np.arange(-3000, 3001, 50.0), np.arange(-3000, 3001, 50.0)), axis=-1).reshape(-1, 2)
 HARBOUR = np.stack(np.meshgrid([-1200.0, -400.0, 400.0, 1200.0], [300.0, 1000.0, 1700.0]), axis=-1).reshape(-1, 2)
+CONFIG = plain_config("jipda")
 every_tracker = pytest.mark.parametrize("name", list(TRACKERS))
 
 
@@ -114,6 +115,50 @@ def test_a_mask_of_nothing_changes_nothing(name: str) -> None:
     for a, b in zip(without, with_, strict=True):
         for field in ("id", "position_m", "velocity_mps", "cov", "existence", "status"):
             assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+@every_tracker
+@pytest.mark.parametrize(("gap_s", "lasts"), [(150.0, True), (260.0, False)])
+def test_what_is_held_is_lost_in_a_gap_for_its_time_alone(name: str, gap_s: float, lasts: bool) -> None:
+    """What is not held is lost after 90 s: sigma^2 = q t^3 / 3 at least, and 110 m is too much.
+
+    In the first scan after the gap something is seen 300 m away, or, after too long a gap, at the berth.
+    """
+    sets = ("tracker.stationary_s=240.0", "tracker.delete_sigma_m=110.0", "model.accel_psd_m2ps3=0.05")
+    config = settings(name, *sets, "model.clutter_density_per_m2=1e-9")
+    berth, aside = np.array([[0.0, 1000.0]]), np.array([[300.0, 1000.0]])
+    hidden = mask_at(berth)
+    after = [(aside if lasts else berth + 60.0, hidden)] + [(NOTHING, hidden)] * 4 + [(berth + 60.0, hidden)] * 6
+    scans = [(berth, None)] * 12 + [(NOTHING, hidden)] * 8 + after
+    times_s = 2.0 * np.arange(31) + gap_s * (np.arange(31) >= 20)
+    told = [confirmed(t) for t in run(config, scans, times_s=times_s)]
+    (mine,) = told[19]
+    if not lasts:
+        assert not any(mine in one for one in told[20:])
+        return
+    assert [told[k][mine][0] for k in range(20, 25)] == [STATIONARY] * 5
+    assert np.abs(told[20][mine][1] - told[19][mine][1]).max() == 0.0
+    assert told[-1][mine][0] == CONFIRMED
+
+
+@every_tracker
+def test_a_scan_that_does_not_look_at_a_berth_leaves_it_as_it_is(name: str) -> None:
+    """A second station sees nothing there, and its mask is of elsewhere."""
+    berth = np.array([[0.0, 1000.0]])
+    tracker, told = TRACKERS[name](settings(name)), []
+    state = tracker.init()
+    for k in range(60):
+        scan, points = scan_of(berth if k < 12 else NOTHING, 2.0 * k)
+        if k >= 12:
+            scan = replace(scan, covered=mask_at(berth))
+        if k > 20 and k % 2:
+            far = replace(scan.sensor, id="q", max_range_m=500.0)
+            scan = replace(scan, sensor=far, covered=mask_at(berth * 0.3))
+        clusters = cluster_points(points, scan, CONFIG.cluster, CONFIG.input)
+        state, _ = tracker.update(state, scan, points, clusters)
+        told.append(tracker.estimate(state))
+    assert {int(s) for t in told[13:] for s in t.status[t.id == told[12].id[0]]} == {STATIONARY}
+    assert len({t.cov[0].tobytes() for t in told[13:]}) == 1
 
 
 def test_a_measurement_goes_to_one_and_an_object_has_one() -> None:
