@@ -154,7 +154,7 @@ def open_recording(
     frames = nonempty(windowed(stepped, settings), sources, octets)
     damage += tuple(remark for source in sources for remark in getattr(source, "remarks", ()))
     named = unclaimed(side, settings, octets, kinds)
-    if "cat240" not in kinds:  # an input is one sensor, whatever its scans are called
+    if not {"cat240", "points"} & set(kinds):  # an input is one sensor, whatever its scans are called
         damage += tuple(
             Damage("calibration-unused", -1, f"the calibration of {name!r} was of no use: no input has that name", name)
             for name in named
@@ -291,7 +291,7 @@ class _Place:
                 workers=self.workers, sensor_configs=self.sensors, sensor_poses=poses,
             )  # fmt: skip
         if kind == "points":
-            return PointSource(octets, settings, strict=self.strict)
+            return PointSource(octets, settings, strict=self.strict, sensor_configs=self.sensors)
         if kind == "autoferry":
             return AutoferrySource(octets, settings, sensors=self.sensors, strict=self.strict)
         if kind == "images":

@@ -74,7 +74,7 @@ class _One:
     key: str
     sightings: Sightings
     settings: InputConfig
-    by_id: bool  # its settings are given under its id
+    given: str  # the key that its settings are given under, "" = under none
 
 
 def calibrate(
@@ -173,21 +173,22 @@ def _sensors(frames: Iterable[Frame], one: Octets, kind: str, side: Mapping[str,
     for sensor, sightings in seen.items():
         base = for_input(given, stem, base=config.input, sensor=sensor)
         settings = given.get(sensor, base)
-        found.append(_One(f"{stem}\n{sensor}", sightings, settings, sensor in given))
+        under = next((name for name in (sensor, stem) if name in given), "")
+        found.append(_One(f"{stem}\n{sensor}", sightings, settings, under))
     return found
 
 
 def _named(sensors: Sequence[_One], octets: Sequence[Octets]) -> list[_One]:
     """Each under the key that a file of sensors has for it: its id, or the input's stem where several share the id.
 
-    Under its id where its settings were, so that a calibration is laid over them.
+    Under the key that its settings are given under, if they are, so that a calibration is laid over them.
     """
     ids = [one.key.partition("\n")[2] for one in sensors]
     named = []
     for one, id_ in zip(sensors, ids, strict=True):
         alone = ids.count(id_) == 1 and (len(octets) == 1 or len(set(ids)) > 1)
-        key = id_ if alone or one.by_id else one.key.partition("\n")[0]
-        named.append(replace(one, key=key))
+        key = id_ if alone else one.key.partition("\n")[0]
+        named.append(replace(one, key=one.given or key))
     return named
 
 

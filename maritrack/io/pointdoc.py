@@ -59,6 +59,7 @@ class Header:
     origin: Origin | None
     sensors: Mapping[str, Entry]
     config: InputConfig
+    own: Mapping[str, InputConfig]  # of single sensors, in place of that
 
     @property
     def polar(self) -> bool:
@@ -69,8 +70,9 @@ class Header:
         return 3 if self.frame.endswith("3") else 2
 
 
-def header_of(document: Any, *, config: InputConfig) -> Header:
-    """The checked header of a document, or of the first line of JSON Lines."""
+def header_of(document: Any, *, config: InputConfig, own: Mapping[str, InputConfig] | None = None) -> Header:
+    """The checked header of a document, or of the first line of JSON Lines; `own` are settings of single sensors."""
+    own = own or {}
     table = table_of(document, where="document")
     if table.get("format") != FORMAT:
         raise InputError(f'"format" is {clean(table.get("format"))!r}, not "{FORMAT}"')
@@ -79,10 +81,12 @@ def header_of(document: Any, *, config: InputConfig) -> Header:
         raise InputError(f'"frame" is {clean(frame)!r}, not one of {", ".join(FRAMES)}')
     sensors = table_of(table.get("sensors") or {}, where="sensors")
     entries = {
-        _sensor_id(key, where="sensors"): _entry(value, where=f"sensors.{clean(key)}", config=config)
+        (name := _sensor_id(key, where="sensors")): _entry(
+            value, where=f"sensors.{clean(key)}", config=own.get(name, config)
+        )
         for key, value in sensors.items()
     }
-    return Header(frame, _origin(table.get("origin")), entries, config)
+    return Header(frame, _origin(table.get("origin")), entries, config, own)
 
 
 def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Damage, ...]]:
@@ -91,7 +95,7 @@ def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Dama
     t_ns = int(seconds_to_ns(np.array(number_of(table, "time_s", where=where, limit=MAX_S))))
     only = next(iter(header.sensors)) if len(header.sensors) == 1 else "radar"
     sensor = only if table.get("sensor") is None else _sensor_id(table["sensor"], where=where)
-    entry = header.sensors.get(sensor, Entry(np.zeros(2), header.config))
+    entry = header.sensors.get(sensor, Entry(np.zeros(2), header.own.get(sensor, header.config)))
     platform_m, heading_rad = _pose(table.get("pose"), entry, where=where)
     with naming(where):
         position_m = aboard(platform_m, heading_rad, entry.mount)

@@ -27,6 +27,7 @@ WINDOW = 64
 class PointSource:
     """The scans of a document as frames in order of time; those of one sensor where the settings name it.
 
+    `sensor_configs` are settings of single sensors, in place of those of all.
     `reference` is the truth in the document: of JSON Lines, what comes before the first scan. Raises
     InputError for a document that is none. Bad lines of JSON Lines are left out and reported (where
     strict: InputError); without any scan, in `unclaimed`.
@@ -34,11 +35,14 @@ class PointSource:
 
     kind = "points"
 
-    def __init__(self, octets: Octets, config: InputConfig, *, strict: bool = False) -> None:
+    def __init__(
+        self, octets: Octets, config: InputConfig, *, strict: bool = False,
+        sensor_configs: Mapping[str, InputConfig] | None = None,
+    ) -> None:  # fmt: skip
         self.unclaimed: tuple[Damage, ...] = ()
         self._octets, self._config, self._strict = octets, config, strict
         with naming(octets.name):
-            opened = _open(octets.chunks, config)
+            opened = _open(octets.chunks, config, own=sensor_configs)
             truth, leading = list(opened.truth), []
             for piece in opened.pieces:
                 leading.append(replace(piece, truth=()))
@@ -103,7 +107,10 @@ class _Opened:
     pieces: Iterator[Piece]
 
 
-def _open(chunks: Iterable[bytes], config: InputConfig, *, truth_only: bool = False) -> _Opened:
+def _open(
+    chunks: Iterable[bytes], config: InputConfig, *, own: Mapping[str, InputConfig] | None = None,
+    truth_only: bool = False,
+) -> _Opened:  # fmt: skip
     lines = split_lines(chunks)
     begin = b""
     for line in lines:
@@ -118,10 +125,10 @@ def _open(chunks: Iterable[bytes], config: InputConfig, *, truth_only: bool = Fa
         rest = b"".join(lines)
         begin += rest
         first = parse_json(begin) if first is None or rest.strip() else first
-        header = header_of(first, config=config)
+        header = header_of(first, config=config, own=own)
         pieces = iter(()) if truth_only else _document_pieces(first, begin, header)
     else:
-        header = header_of(first, config=config)
+        header = header_of(first, config=config, own=own)
         pieces = _line_pieces(lines, header, begin=begin, truth_only=truth_only)
     return _Opened(header, _records(first, where="truth"), pieces)
 
