@@ -15,7 +15,7 @@ from maritrack.cluster.stage import cluster_points
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, stationary
 from maritrack.types import CONFIRMED, STATIONARY, FloatArray, Mask, Tracks
-from tests.unit.scans import plain_config, scan_of
+from tests.unit.scans import plain_config, scan_of, step
 from tests.unit.test_tracklist import tracks
 
 PIXEL_M, CORNER_M = 50.0, (-25.0, -25.0)
@@ -189,3 +189,34 @@ def test_only_confirmed_ones_that_were_missed_are_taken_and_none_where_none_is_t
     assert stationary.takes(three, hit, share, rules).tolist() == [True, False, False]
     assert not stationary.takes(three, hit, share - 0.1, rules).any()
     assert not stationary.takes(three, hit, share, replace(rules, stationary_s=0.0)).any()
+
+
+@every_tracker
+def test_what_is_seen_under_cover_is_not_held_and_leaves_nothing_behind(name: str) -> None:
+    """P_D is less there; a vessel that is seen in each scan is one track, as it was."""
+    berth, hidden = np.array([[0.0, 1000.0]]), mask_at(np.array([[0.0, 1000.0]]))
+    told = list(run(settings(name), [(berth, None)] * 8 + [(berth, hidden)] * 6 + [(NOTHING, hidden)] * 2))
+    assert [next(iter(confirmed(t).values()))[0] for t in told[8:]] == [CONFIRMED] * 6 + [STATIONARY] * 2
+    assert len({i for t in told[8:] for i in confirmed(t)}) == 1
+
+
+@pytest.mark.parametrize(("weight", "held"), [(1.4, 1.0), (0.3, 0.3), (0.005, None)])
+@pytest.mark.parametrize("name", ["cb-giw-phd", "gm-phd"])
+def test_one_vessel_is_held_of_a_weight_above_one_and_none_of_next_to_nothing(
+    name: str, weight: float, held: float | None
+) -> None:
+    config = settings(name)
+    tracker, state, at = TRACKERS[name](config), None, np.array([[0.0, 1000.0]])
+    for k in range(8):
+        state = step(config, state, at, 2.0 * k)
+    tracks_of = getattr(state, "tracks", state)
+    light = replace(tracks_of, existence=np.full(len(tracks_of), weight))
+    scan, points = scan_of(NOTHING, 16.0)
+    clusters = cluster_points(points, scan, config.cluster, config.input)
+    changed = (
+        light if state is tracks_of else replace(state, tracks=light, found=replace(state.found, w=light.existence))
+    )
+    after, _ = tracker.update(changed, replace(scan, covered=mask_at(at)), points, clusters)
+    lies = getattr(after, "tracks", after)
+    found = lies.existence[lies.held_s > 0]
+    assert found.tolist() == ([] if held is None else [held])
