@@ -55,7 +55,7 @@ class Background:
     off: FloatArray  # (n,) |psi - e_last|, where last > 0
     pairs: Pairs = NO_PAIRS
     now: float = 0.0  # e-folds since the beginning
-    change: tuple[float, ...] = ()  # abs-9 of the last scans, mean over the pixels of this list, newest last
+    change: tuple[float, ...] = ()  # abs-9 of the last scans, sum over the pixels of this list, newest last
     scans: int = 0
     converged: bool = False
     settled: bool = False  # converged in time, not by the limit
@@ -149,8 +149,8 @@ def take_counts(
     for x, values in after.items():
         arrays[x][hit] = values
     pairs = observed(model.pairs, name, place, has, np.log(psi) + (now - late[hit]))
-    change = (1.0 - rate) * float(distance.mean()) if len(distance) else 0.0
-    model = _noted(replace(model, late=late, pairs=pairs, now=now, **arrays), change, rate)
+    change = (1.0 - rate) * float(distance.sum())
+    model = _noted(replace(model, late=late, pairs=pairs, now=now, **arrays), change, len(distance), rate)
     return _bounded(_tidied(model, step), rules.max_pixels)
 
 
@@ -213,16 +213,18 @@ def judged(model: Background, rules: SubtractConfig) -> Background:
     return replace(model, drift=drift, high=high, low=low)
 
 
-def _noted(model: Background, change: float, rate: float) -> Background:
-    """The model with the mean change of a scan, and whether it has converged, which it then stays.
+def _noted(model: Background, change: float, pixels: int, rate: float) -> Background:
+    """The model with the change of a scan in all its `pixels`, and whether it has converged, which it then stays.
 
     The change of a pixel whose count fluctuates never dies out, so it is no limit that tells: the mean of the last
-    L = 1 / (1 - a) scans is within 5 % of that of the L scans before, or the change is below 0.2 (1 - a) after L
-    scans, or 10 L scans have passed.   Eq: abs-9
+    L = 1 / (1 - a) scans is within 5 % of that of the L scans before, or the change of a pixel is below 0.2 (1 - a)
+    after L scans, or 10 L scans have passed. Compared are sums, which are the mean over all pixels that the paper
+    has, but for a factor: the list grows by what ever had a point, noise, and land that comes in sight of a ship,
+    and the mean over it falls by a tenth in each L scans for as long as one waits.   Eq: abs-9
     """
     span = math.ceil(round(1.0 / (1.0 - rate), 6))
     history = (*model.change, change)[-2 * span :]
-    steady = len(history) >= span and change < 0.2 * (1.0 - rate)
+    steady = len(history) >= span and change < 0.2 * (1.0 - rate) * max(pixels, 1)
     if len(history) == 2 * span:
         earlier, later = math.fsum(history[:span]), math.fsum(history[span:])
         steady |= abs(later - earlier) <= 0.05 * earlier

@@ -73,7 +73,7 @@ def test_active_pixels_are_the_dense_model(data: st.DataObject) -> None:
         model = feed(model, counts, rules, rate=a, seen=seen)
         active = ever & seen
         d = np.linalg.norm(after - psi, axis=1)[active]
-        assert model.change[-1] == pytest.approx(d.mean() if len(d) else 0.0, rel=1e-9, abs=1e-12)
+        assert model.change[-1] == pytest.approx(d.sum(), rel=1e-9, abs=1e-12)
         psi = after
     assert_allclose(psi_of(model, REGION, rules), psi, rtol=1e-9, atol=1e-13)
     margin = dense_background(psi, rules)
@@ -134,7 +134,7 @@ def test_a_constant_count_follows_the_closed_form_also_if_it_is_not_looked_at_ea
     for n in range(150):
         for k in range(looks):
             model = feed(model, np.full(len(REGION), c), PAPER, seen=k == 0)
-            d = (1 - a) * a**n * math.sqrt((1 - 1 / v) ** 2 + (v - 1) / v**2)
+            d = len(REGION) * (1 - a) * a**n * math.sqrt((1 - 1 / v) ** 2 + (v - 1) / v**2)
             assert model.change[-1] == pytest.approx(d if k == 0 else 0.0, rel=1e-12, abs=0.0)
         assert psi_of(model, REGION[:1], PAPER)[0, c] == pytest.approx(1 - (1 - 1 / v) * a ** (n + 1), rel=1e-12)
 
@@ -303,6 +303,16 @@ def fed_with(history: FloatArray, scans: int) -> Background:
     """The model after one more scan, of which the changes of the scans before it are known."""
     model = replace(no_background(), scans=scans - 1, change=tuple(history.tolist()))
     return feed(model, np.full(len(REGION), 9), PAPER)
+
+
+def test_land_that_comes_in_sight_and_noise_do_not_keep_a_model_from_settling() -> None:
+    """150 pixels have a point in half of the scans; in each scan another one has one that never had one."""
+    rng, rules, model = np.random.default_rng(3), replace(PAPER, learning_rate=0.95), no_background()
+    while not model.converged:
+        key = np.append(np.flatnonzero(rng.integers(0, 2, 150)), 1000 + model.scans)
+        seen, model = np.ones(len(model), bool), replace(model, scans=model.scans + 1)
+        model = take_counts(model, key, np.full(len(key), 20), seen, rules, rate=0.95)
+    assert model.settled and model.scans <= 60
 
 
 def test_a_change_that_grows_on_converges_at_ten_times_the_memory_and_not_before() -> None:

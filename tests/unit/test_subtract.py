@@ -113,7 +113,7 @@ def test_a_run_that_never_tracked_says_so_and_names_the_settings() -> None:
     assert 'subtract.track_from = "start"' in first.message and "subtract.half_life_scans" in first.message
     assert "subtract.learning_rate" in told(waits, "subtract.half_life_scans=0")[0].message
     assert len(told(waits, "subtract.masks=joint", scans=6)) == 1
-    assert told() == told(waits, "subtract.method=none") == told(waits, "subtract.half_life_scans=1.0") == []
+    assert told() == told(waits, "subtract.method=none") == told(waits, "subtract.half_life_scans=1.0", scans=20) == []
 
 
 def test_a_background_of_another_sensor_or_place_is_told_and_one_of_this_place_is_not() -> None:
