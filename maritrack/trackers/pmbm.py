@@ -108,8 +108,8 @@ class Pmbm:
 def still_known(state: PmbmState, scan: Scan, config: Config) -> PmbmState:
     """The mixture without rows whose place is not known well enough to look for them."""
     at = steps.middle_ns(scan)
-    known = tracklist.known(state.rows.tracks, at, config)
-    poisson = state.poisson
+    tracks, known = steps.waiting(state.rows.tracks, scan, config)
+    state, poisson = replace(state, rows=replace(state.rows, tracks=tracks)), state.poisson
     if len(poisson):
         poisson = bernoullis.rows(poisson, tracklist.known(poisson.tracks, at, config))
     if known.all():

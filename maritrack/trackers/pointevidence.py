@@ -14,9 +14,9 @@ from scipy.special import expit
 
 from maritrack import geo
 from maritrack.cluster.stage import sensor_noise
-from maritrack.objects import rate
+from maritrack.objects import contour, rate
 from maritrack.settings import Config
-from maritrack.trackers import bernoullis, pointsearch, steps, tracklist
+from maritrack.trackers import bernoullis, pointsearch, stationary, steps, tracklist
 from maritrack.trackers.association import Children
 from maritrack.trackers.bernoullis import Bernoullis
 from maritrack.trackers.cells import Cells, Fits
@@ -172,6 +172,24 @@ class PointEvidence:
         return shown
 
 
+def held(missed: Bernoullis, rows: Bernoullis, hidden: FloatArray, scan: Scan, config: Config) -> Bernoullis:
+    """Missed rows, those that the background takes as they were before the scan, hull and rate too."""
+    none = np.zeros(len(rows), bool)
+    tracks = stationary.hold_covered(missed.tracks, rows.tracks, none, hidden, scan.covered, config.tracker)
+    lies = tracks.held_s > 0
+    if not lies.any() or scan.covered is None:
+        return replace(missed, tracks=tracks)
+    x, P = missed.x.copy(), missed.P.copy()
+    if x.shape[1]:
+        still, spread, speed = rows.x[lies], rows.P[lies], slice(2, 4)
+        own, add = spread[:, speed, speed].copy(), np.where(rows.tracks.held_s[lies] > 0, 0.0, scan.covered.pixel_m**2)
+        still[:, speed], still[:, contour.TURN] = 0.0, 0.0
+        spread[:, speed], spread[:, :, speed], spread[:, speed, speed] = 0.0, 0.0, own
+        spread[:, :2, :2] += add[:, None, None] * np.eye(2)
+        x[lies], P[lies] = still, spread
+    return Bernoullis(tracks, np.where(lies[:, None], rows.rate, missed.rate), x, P)
+
+
 def look(
     rows: Bernoullis, poisson: Bernoullis, scan: Scan, points: Points, clusters: Clusters, config: Config, k: int,
     model: PointModel,
@@ -192,8 +210,8 @@ def look(
     for number in range(c):
         base_of[cells.points[number]] = number
     row, point = gated(model, before, points.position_m, R, steps.gate_limit(config.model.p_gate))
-    seen = geo.visible(scan, before.tracks.density.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    p_detect = np.where(seen, config.model.p_detect, 0.0)
+    p_detect, hidden = steps.chances(before.tracks, scan, config)
+    seen = p_detect > 0.0
     row, point = row[seen[row]], point[seen[row]]
     order = np.lexsort((point, base_of[point], row))
     row, point = row[order], point[order]
@@ -206,6 +224,7 @@ def look(
     missed_mass = np.maximum(1.0 - r + r * q, 1e-12)
     tracks = tracklist.count(before.tracks, np.zeros(len(rows), bool), scan.sensor.id)
     tracks = replace(tracks, existence=r * q / missed_mass, cluster=np.full(len(rows), -1, np.int64))
+    missed = held(Bernoullis(tracks, gone_rate, before.x, before.P), rows, hidden, scan, config)
     left, _ = moved(poisson, scan, points, config, model)
     lq, left_rate = rate.missed(left.rate, np.full(len(left), config.model.p_detect))
     born = sources(left, cells, c, scan, config, model)
@@ -216,7 +235,7 @@ def look(
     may_start[np.argsort(-size, kind="stable")[:room]] = True
     evidence = PointEvidence(
         config=config, model=model, scan=scan, before=before, p_detect=p_detect,
-        missed=Bernoullis(tracks, gone_rate, before.x, before.P), log_miss=np.log(missed_mass), i=i, j=j, cells=cells,
+        missed=missed, log_miss=np.log(missed_mass), i=i, j=j, cells=cells,
         label=label, n_elements=c,
         inside=dict(zip(zip(i.tolist(), j.tolist(), strict=True), map(np.sort, inside), strict=False)),
         fits=Fits(model, before, cells, scan.position_m, 1), born=born, clock_back=back,

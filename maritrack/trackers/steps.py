@@ -65,10 +65,15 @@ def still_known(state: TrackList, scan: Scan, config: Config) -> TrackList:
     Combined pruning by kinematic uncertainty (polar, sec. II), on the predicted state: after the update one hit
     has made it small again. What is held in the background lies where it lay, for its stated time.
     """
+    state, known = waiting(state, scan, config)
+    return state if known.all() else tracklist.select(state, known)
+
+
+def waiting(state: TrackList, scan: Scan, config: Config) -> tuple[TrackList, BoolArray]:
+    """The list before a scan, what is held lying where it lay, and which of it (t,) is still known."""
     known = tracklist.known(state, middle_ns(scan), config)
     state = stationary.waiting(state, ~known, scan.t_start_ns)
-    known = (known | (state.held_s > 0)) & (state.held_s <= config.tracker.stationary_s)
-    return state if known.all() else tracklist.select(state, known)
+    return state, (known | (state.held_s > 0)) & (state.held_s <= config.tracker.stationary_s)
 
 
 def middle_ns(scan: Scan) -> int:
@@ -83,14 +88,22 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     """
     model, most = config.model, config.tracker.pairs_per_track
     tracks, clock_back = predict(state, scan, points, config)
-    d = tracks.density
+    d, (chance, share) = tracks.density, chances(tracks, scan, config)
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
-    seen = geo.visible(scan, d.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    share = np.where(seen | (tracks.held_s == 0), stationary.covered(tracks, scan, config), 1.0)
-    p_detect = model.p_detect * np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
-    sight = Sight(tracks, np.where(seen, p_detect, 0.0), pairs, dt_s, clock_back, cut, share)
+    sight = Sight(tracks, chance, pairs, dt_s, clock_back, cut, share)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight
+
+
+def chances(tracks: TrackList, scan: Scan, config: Config) -> tuple[FloatArray, FloatArray]:
+    """P_D of each track (t,), 0 where this scan does not look, and the share of it that the background hides.
+
+    What is held and not looked at is hidden as a whole.
+    """
+    seen = geo.visible(scan, tracks.density.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
+    share = np.where(seen | (tracks.held_s == 0), stationary.covered(tracks, scan, config), 1.0)
+    less = np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
+    return np.where(seen, config.model.p_detect * less, 0.0), share
 
 
 def keep(sight: Sight, which: BoolArray) -> Sight:

@@ -208,7 +208,7 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
     alive = (
         (tracks.existence >= rules.delete_existence)
         & (tracks.misses <= rules.delete_misses)
-        & (sigma2 <= rules.delete_sigma_m**2)
+        & ((sigma2 <= rules.delete_sigma_m**2) | (tracks.held_s > 0))
         & (np.hypot(d.x[:, 2], d.x[:, 3]) <= model.max_speed_mps)
         & (tracks.held_s <= rules.stationary_s)
     )

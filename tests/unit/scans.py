@@ -14,6 +14,7 @@ from maritrack.trackers import TRACKERS
 from maritrack.types import Clusters, FloatArray, Points, Scan, Sensor
 
 SECOND = 10**9
+OF_CLUSTERS = tuple(name for name in TRACKERS if name != "gp-pmbm")  # that one asks for many points of a hull
 LIST_TRACKERS = ("sprt", "ipda", "jipda")
 
 

@@ -12,8 +12,8 @@ from maritrack.config import load_config
 from maritrack.recording import kinds_of, open_inputs, open_recording
 from maritrack.simulate.record import simulate
 from maritrack.simulate.scenes import Scene, load_scene
-from maritrack.trackers import TRACKERS
 from maritrack.types import CONFIRMED, STATIONARY, Frame
+from tests.unit.scans import OF_CLUSTERS
 
 TURN_S, SCANS = 3.0, 126
 SCENE = f"""
@@ -71,7 +71,7 @@ def quay(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[Frame]]:
     return scene, list(open_recording(octets, kinds_of(octets), {}, load_config(preset="radar")).frames)
 
 
-@pytest.mark.parametrize("name", list(TRACKERS))
+@pytest.mark.parametrize("name", OF_CLUSTERS)
 def test_a_vessel_has_one_id_at_her_berth_and_under_way(name: str, quay: tuple[Scene, list[Frame]]) -> None:
     scene, frames = quay
     chain = build_chain(load_config(preset="radar", sets=[f"tracker_name={name}"]))

@@ -12,10 +12,11 @@ from numpy.testing import assert_array_equal
 
 from maritrack import geo
 from maritrack.cluster.stage import cluster_points
+from maritrack.config import load_config
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, stationary
 from maritrack.types import CONFIRMED, STATIONARY, FloatArray, Mask, Tracks
-from tests.unit.scans import plain_config, scan_of, step
+from tests.unit.scans import OF_CLUSTERS, plain_config, scan_of, step
 from tests.unit.test_tracklist import tracks
 
 PIXEL_M, CORNER_M = 50.0, (-25.0, -25.0)
@@ -23,7 +24,7 @@ NOTHING = np.zeros((0, 2))
 EVERYWHERE = np.stack(np.meshgrid(np.arange(-3000, 3001, 50.0), np.arange(-3000, 3001, 50.0)), axis=-1).reshape(-1, 2)
 HARBOUR = np.stack(np.meshgrid([-1200.0, -400.0, 400.0, 1200.0], [300.0, 1000.0, 1700.0]), axis=-1).reshape(-1, 2)
 CONFIG = plain_config("jipda")
-every_tracker = pytest.mark.parametrize("name", list(TRACKERS))
+every_tracker = pytest.mark.parametrize("name", OF_CLUSTERS)
 
 
 def mask_at(*places: Any) -> Mask:
@@ -115,6 +116,31 @@ def test_a_mask_of_nothing_changes_nothing(name: str) -> None:
     for a, b in zip(without, with_, strict=True):
         for field in ("id", "position_m", "velocity_mps", "cov", "existence", "status"):
             assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+@every_tracker
+def test_what_is_held_does_not_end_for_a_pixel_that_is_wider_than_what_may_be_uncertain(name: str) -> None:
+    berth = np.array([[0.0, 1000.0]])
+    scans = [(berth, None)] * 12 + [(NOTHING, mask_at(berth))] * 12
+    told = [confirmed(t) for t in run(settings(name, "tracker.delete_sigma_m=40.0"), scans)]
+    assert {status for one in told[12:] for status, _ in one.values()} == {STATIONARY}
+    assert all(one.keys() == told[11].keys() and len(one) == 1 for one in told[12:])
+
+
+def test_a_hull_of_points_is_held_with_its_outline_and_leaves_under_its_id() -> None:
+    u = np.linspace(-1.0, 1.0, 9)
+    sides = np.concatenate([np.stack([3.0 * u, np.full(9, y)], axis=-1) for y in (-1.5, 1.5)])
+    hull = np.concatenate([sides, [[3.0, 0.0], [-3.0, 0.0]]]) + np.array([0.0, 40.0])
+    hidden, config = mask_at(np.array([[0.0, 40.0]])), load_config(preset="extended", sets=["tracker_name=gp-pmbm"])
+    away = [(hull + np.array([0.025 * k**2, 0.0]), None) for k in range(12)]  # 0.2 m/s^2
+    scans = [(hull, None)] * 10 + [(NOTHING, hidden)] * 10 + away
+    told = list(run(config, scans, period_s=0.5))
+    (mine,) = confirmed(told[9])
+    assert all(confirmed(t).keys() == {mine} for t in told[10:])
+    assert [confirmed(t)[mine][0] for t in told[10:20]] == [STATIONARY] * 10
+    assert confirmed(told[-1])[mine][0] == CONFIRMED
+    first, last = (t.contour_m[int(np.flatnonzero(t.id == mine)[0])] for t in (told[9], told[19]))
+    assert np.abs(first - last).max() < 0.2
 
 
 @every_tracker

@@ -13,10 +13,9 @@ from maritrack.config import load_config
 from maritrack.detect.background import Background, no_background, under
 from maritrack.remarks import looked_at, remarks, untracked, unused_background
 from maritrack.settings import Config
-from maritrack.trackers import TRACKERS
 from maritrack.types import CONFIRMED, STATIONARY, Damage, FloatArray, Frame, Result
 from tests.runs import tracks
-from tests.unit.scans import scan_of
+from tests.unit.scans import OF_CLUSTERS, scan_of
 
 ABS = ("subtract.method=abs", "subtract.threshold=0", "subtract.start=empty", "subtract.decision=tail",
        "subtract.pixel_m=100.0", "subtract.half_life_scans=15.0")  # fmt: skip
@@ -51,7 +50,7 @@ def a_call_at_a_berth() -> list[FloatArray]:
     return along(np.concatenate([-leave[::-1], np.zeros(84), leave]))
 
 
-@pytest.mark.parametrize("tracker", list(TRACKERS))
+@pytest.mark.parametrize("tracker", OF_CLUSTERS)
 def test_a_vessel_that_stops_is_stationary_in_the_background_and_leaves_under_its_id(tracker: str) -> None:
     results = run(config(tracker), a_call_at_a_berth())
     arrives, leaves = 60, 144
@@ -69,7 +68,7 @@ def test_a_vessel_that_stops_is_stationary_in_the_background_and_leaves_under_it
     assert np.hypot(*(last.position_m[mine][0] - results[-1].points.position_m[1])) < 100.0
 
 
-@pytest.mark.parametrize("tracker", list(TRACKERS))
+@pytest.mark.parametrize("tracker", OF_CLUSTERS)
 def test_what_stays_longer_than_the_stated_time_ends(tracker: str) -> None:
     results = run(config(tracker, "tracker.stationary_s=60.0"), a_call_at_a_berth()[:144])
     stationary = [STATIONARY in r.tracks.status for r in results]
