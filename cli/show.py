@@ -60,8 +60,8 @@ def show(
     from maritrack.errors import UsageError
     from maritrack.show import is_archive, show_archive, show_recording
 
-    path = _archive_in(what) if what.is_dir() else what
-    archived = is_archive(path)
+    path = _in_folder(what) if what.is_dir() else what
+    archived = not path.is_dir() and is_archive(path)
     if view:
         picture = path.with_name("run.rrd")
         if not archived or not picture.is_file():
@@ -79,10 +79,12 @@ def show(
         _tell(document)
 
 
-def _archive_in(folder: Path) -> Path:
+def _in_folder(folder: Path) -> Path:
+    """The archive in the folder of a run; the folder itself where it is a recording."""
+    from maritrack.io.images.pack import pack_folder
     from maritrack.replay import archive_path
 
-    return archive_path(folder)
+    return folder if pack_folder(folder) is not None else archive_path(folder)
 
 
 def _tell(document: dict[str, Any]) -> None:

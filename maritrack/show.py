@@ -116,7 +116,8 @@ def _show_frames(path: Path) -> dict[str, Any]:
 
     octets = open_inputs([path])
     kinds = kinds_of(octets)
-    config = load_config(preset=default_preset(kinds))
+    over = {"images": {"centre_px": [0.0, 0.0], "pixel_m": 1.0}}  # nothing that is told depends on them
+    config = load_config(preset=default_preset(kinds), over=over)
     side = side_documents([path], truth=None, own_ship=None, sensors=None)
     recording = open_recording(octets, kinds, side, config)
     sensors: dict[str, _Seen] = {}

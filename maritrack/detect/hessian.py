@@ -19,6 +19,7 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 
 BLOCK = 8  # pixels: near an echo or not is told for blocks of this side
 DENSE_SHARE = 0.3  # of pixels near an echo, from which on all of them are worked out
+MOST_PEAKS = 5000  # the strongest: more are noise all over, whose pairs would fill the memory
 CROSS = 0.81  # weight of the mixed derivative: boxes respond otherwise than Gaussians
 
 Corner = Callable[[int, int], NDArray[np.int64]]
@@ -41,7 +42,7 @@ def blobs(strength: NDArray[np.uint8], sigmas_px: Sequence[float], *, threshold:
     """Blobs of a picture (h, w), full scale 255, at scales `sigmas_px` in ascending order.
 
     Determinants must exceed `threshold`; of two blobs that share more than `overlap` of the smaller one, the one of
-    the smaller scale goes.   Source: dataset, sec. 3.1, step (c)
+    the smaller scale goes. Of more than `MOST_PEAKS` maxima the strongest count.   Source: dataset, sec. 3.1, step (c)
     """
     height, width = strength.shape
     edge = max(_reach(sigma) for sigma in sigmas_px) + 1
@@ -66,7 +67,7 @@ def blobs(strength: NDArray[np.uint8], sigmas_px: Sequence[float], *, threshold:
         found.append(k * cube[0].size + inner)
     peak = _local_maxima(cube, np.concatenate(found) if found else np.zeros(0, np.int64))
     value = cube.reshape(-1)[peak]
-    peak = peak[np.lexsort((peak, -value))]
+    peak = peak[np.lexsort((peak, -value))][:MOST_PEAKS]
     scale, within = np.divmod(peak, cube[0].size)
     row, column = np.divmod(within, width + 2)
     place, value = _spaced(np.stack([row - 1, column - 1, scale], axis=-1), cube.reshape(-1)[peak])

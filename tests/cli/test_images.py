@@ -77,3 +77,10 @@ def test_images_without_a_centre_say_what_finds_it(frames: Path) -> None:
     wrong = call("process", frames)
     assert wrong.code == 2
     assert "images.centre_px is not told" in wrong.err and "inspect-images" in wrong.err
+
+
+def test_a_folder_of_images_is_shown_without_its_settings(frames: Path) -> None:
+    told = call("show", frames, "--json").json
+    assert told["kind"] == "images" and told["scans"] == 15
+    assert told["sensors"][0]["period_s"] == 1.0
+    assert told["warnings"] == {"no-image": 1}

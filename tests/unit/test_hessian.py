@@ -81,6 +81,15 @@ def test_any_picture_is_searched(shape: tuple[int, int]) -> None:
         assert np.all(found.row < shape[0]) and np.all(found.column < shape[1])
 
 
+def test_of_noise_all_over_the_strongest_blobs_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (150, 200)).astype(np.uint8)
+    every = hessian.blobs(picture, (2.0,), threshold=1e-6, overlap=1.0)
+    assert 5000 > len(every) > 300
+    monkeypatch.setattr(hessian, "MOST_PEAKS", 100)
+    some = hessian.blobs(picture, (2.0,), threshold=1e-6, overlap=1.0)
+    assert np.array_equal(some.value, every.value[: len(some)]) and len(some) > 90
+
+
 def test_a_dark_picture_has_no_blob() -> None:
     assert len(hessian.blobs(np.zeros((50, 60), np.uint8), SIGMAS, threshold=0.003, overlap=0.5)) == 0
 
