@@ -84,3 +84,9 @@ def test_a_folder_of_images_is_shown_without_its_settings(frames: Path) -> None:
     assert told["kind"] == "images" and told["scans"] == 15
     assert told["sensors"][0]["period_s"] == 1.0
     assert told["warnings"] == {"no-image": 1}
+
+
+def test_the_images_of_the_dlr_data_set_have_presets_of_their_own(frames: Path) -> None:
+    for name in ("daan", "darc", "manv"):
+        told = call("process", frames, "-p", f"dataset-{name}", "--limit", "1")
+        assert told.code == 2 and "image-size" in told.err  # these are smaller ones
