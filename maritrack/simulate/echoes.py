@@ -44,7 +44,8 @@ class Mover:
         return self.vessel.width_m / HULL_DEPTHS
 
     def hull_m(self, state: State) -> FloatArray:
-        return hull(state, length_m=self.vessel.length_m, width_m=self.vessel.width_m)
+        v = self.vessel
+        return hull(state, length_m=v.length_m, width_m=v.width_m, outline=v.outline)
 
 
 def movers(radar: RadarSettings, vessels: Sequence[Vessel]) -> tuple[Mover, ...]:

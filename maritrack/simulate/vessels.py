@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from maritrack.types import FloatArray
 # pointed bow, full width from a quarter length before midships, a narrower transom.
 HULL = np.array([[0.5, 0.0], [0.4, -0.3], [0.25, -0.5], [-0.45, -0.5], [-0.5, -0.4], [-0.5, 0.4], [-0.45, 0.5],
                  [0.25, 0.5], [0.4, 0.3]])  # fmt: skip
+_AROUND = 2.0 * np.pi * np.arange(32) / 32
+OUTLINES = {"hull": HULL, "ellipse": 0.5 * np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=1)[::-1]}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,11 +153,11 @@ def arrive(course: Course, *, at_m: FloatArray, brake_mps2: float) -> Course:
     return replace(course, end_m=end_m, brake_mps2=brake_mps2)
 
 
-def hull(state: State, *, length_m: float, width_m: float) -> FloatArray:
+def hull(state: State, *, length_m: float, width_m: float, outline: str = "hull") -> FloatArray:
     """Outline at each instant, (t, v, 2) east-north, counter-clockwise."""
     forward = _unit(state.heading_rad)
     starboard = _unit(state.heading_rad + np.pi / 2)
-    body_m = HULL * [length_m, width_m]
+    body_m = OUTLINES[outline] * [length_m, width_m]
     outline_m = body_m[:, :1] * forward[:, None, :] + body_m[:, 1:] * starboard[:, None, :]
     return np.asarray(state.position_m[:, None, :] + outline_m, dtype=np.float64)
 
@@ -167,6 +170,7 @@ class Vessel:
     name: str = ""
     length_m: float
     width_m: float
+    outline: Literal["hull", "ellipse"] = "hull"
     rcs_m2: float  # echo seen broadside
     fade: float = 2.0  # shape of the gamma law of the echo from turn to turn; 1 = Swerling I, large = steady
     waypoints_m: tuple[tuple[float, ...], ...]

@@ -74,11 +74,12 @@ def test_departure_is_rest_then_constant_acceleration_then_steady_speed() -> Non
     assert_allclose(state.position_m[:, 1], [0.0, 5.0, 125.0, 375.0], atol=1e-9)
 
 
-def test_a_hull_is_as_long_and_wide_as_stated_with_its_bow_ahead() -> None:
+@pytest.mark.parametrize("outline", ["hull", "ellipse"])
+def test_a_hull_is_as_long_and_wide_as_stated_with_its_bow_ahead(outline: str) -> None:
     heading_rad = np.radians([0.0, 90.0, 215.0])
     states = [moored([50.0, 70.0], heading_rad=h).at(np.zeros(1)) for h in heading_rad]
     for h, state in zip(heading_rad, states, strict=True):
-        outline_m = hull(state, length_m=100.0, width_m=20.0)[0]
+        outline_m = hull(state, length_m=100.0, width_m=20.0, outline=outline)[0]
         offset_m = outline_m - [50.0, 70.0]
         forward_m, starboard_m = offset_m @ [np.sin(h), np.cos(h)], offset_m @ [np.cos(h), -np.sin(h)]
         assert_allclose([np.ptp(forward_m), np.ptp(starboard_m)], [100.0, 20.0], atol=1e-9)
