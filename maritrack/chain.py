@@ -17,6 +17,7 @@ from maritrack.errors import ConfigError
 from maritrack.geo import in_mask
 from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
+from maritrack.objects import nearside
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS, Tracker
 from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Mask, Points, Result, Scan, Tracks, take
@@ -30,6 +31,7 @@ class Chain:
     tracker: Tracker
     unexplained: bool = False  # truth is incomplete (AIS): false tracks are merely unexplained
     background: Mapping[str, Background] = field(default_factory=dict)  # known before the first scan, by sensor
+    hulls: tuple[nearside.NearSide, ...] = ()  # behind what is seen of them; none = extents are what is seen
 
     def init(self) -> ChainState:
         """The memory of a run that has not begun."""
@@ -51,7 +53,9 @@ def build_chain(
     """The chain of a configuration; `background` is one that is known, as of a snapshot."""
     if config.tracker_name not in TRACKERS:
         raise ConfigError(f"no tracker '{config.tracker_name}'", hint="trackers: " + ", ".join(TRACKERS))
-    return Chain(config, TRACKERS[config.tracker_name](config), unexplained, background or {})
+    told = config.input.scale_db > 0.0 and config.model.extent == "random-matrix"
+    hulls = nearside.build(config.model.outline_power) if told and config.model.outline_power else ()
+    return Chain(config, TRACKERS[config.tracker_name](config), unexplained, background or {}, hulls)
 
 
 def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, Result]:
@@ -67,7 +71,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     tracker, info = state.tracker, None
     if ready(background, scan, config):  # abs-9: in case 1 tracking waits for it
         tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), left, clusters)
-    tracks = chain.tracker.estimate(tracker)
+    tracks = nearside.complete(chain.tracker.estimate(tracker), scan.position_m, chain.hulls, config.model)
     clock.lap("track")
     scores = score_frame(
         frame.truth, tracks, c_m=config.score.c_m, p=config.score.p, which=reported(tracks, config),

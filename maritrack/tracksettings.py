@@ -36,6 +36,7 @@ class ModelConfig:
     centroid_sigma_m: float = 0.0  # bias of a centroid that no averaging removes
     min_axis_m: float = 2.0
     max_axis_m: float = 250.0
+    outline_power: float = 0.0  # p of hulls |2x/L|^p + |2y/W|^p = 1 behind what is seen; 0 = what is seen
 
     def __post_init__(self) -> None:
         for name in ("p_detect", "p_survive", "p_gate"):
@@ -47,6 +48,8 @@ class ModelConfig:
         positive("model.extent_time_constant_s", self.extent_time_constant_s)
         positive("model.p_gate", self.p_gate)
         require(0 < self.min_axis_m < self.max_axis_m, "model: 0 < min_axis_m < max_axis_m")
+        power = self.outline_power
+        require(power == 0.0 or 1.5 <= power <= 50.0, f"model.outline_power = {power} is neither 0 nor within 1.5..50")
         require(self.alpha_max > 2, "model.alpha_max must be greater than 2")
         positive("model.max_speed_mps", self.max_speed_mps)
         positive("model.sigma_velocity_mps", self.sigma_velocity_mps)

@@ -66,12 +66,19 @@ def sensor_noise(scan: Scan, sensor: InputConfig) -> tuple[float, float, float]:
     """Standard deviations: range (m), azimuth (rad), any direction (m).
 
     A cell spreads evenly, variance = width^2 / 12; the beam and the pulse smear more than the cell where
-    they are wider, so the larger one counts.
+    they are wider, so the larger one counts. Cells that weigh their power (`input.scale_db`) have the variance of
+    what smears them: that of pulse and cell together, and B^2 / (16 log 2) of a Gaussian beam of one-way half-power
+    width B, there and back.
     """
-    depth = max(scan.sensor.range_res_m, sensor.pulse_length_m)
+    cell_m, depth = scan.sensor.range_res_m, max(scan.sensor.range_res_m, sensor.pulse_length_m)
     width = max(scan.sensor.azimuth_res_rad, math.radians(sensor.beam_width_deg))
-    sigma_range = sensor.sigma_range_m or depth / math.sqrt(12.0)
-    sigma_azimuth = math.radians(sensor.sigma_azimuth_deg) or width / math.sqrt(12.0)
+    smeared_m, smeared_rad = depth / math.sqrt(12.0), width / math.sqrt(12.0)
+    if sensor.scale_db > 0.0 and sensor.pulse_length_m > 0.0:
+        smeared_m = math.hypot(cell_m, sensor.pulse_length_m) / math.sqrt(12.0)
+    if sensor.scale_db > 0.0 and sensor.beam_width_deg > 0.0:
+        smeared_rad = max(math.radians(sensor.beam_width_deg) / math.sqrt(16.0 * math.log(2.0)), smeared_rad)
+    sigma_range = sensor.sigma_range_m or smeared_m
+    sigma_azimuth = math.radians(sensor.sigma_azimuth_deg) or smeared_rad
     return max(sigma_range, 0.1), max(sigma_azimuth, 1e-5), sensor.sigma_m
 
 
