@@ -18,6 +18,9 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 LOOPY_TOLERANCE = 1e-8  # largest change of a log message at which loopy() stops
 LOOPY_ITERATIONS = 1000
 LOOPY_WORK = 20_000_000  # pairs times iterations
+LOOPY_SWEEP = 16  # iterations over those that still change, before all are asked again
+LOOPY_SHARE = 0.7  # of the rows that still change, from which on all are asked
+FAINT = 1e-280  # sums below this lose digits
 
 
 def potentials(log_psi: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -183,21 +186,31 @@ def loopy(row: IntArray, col: IntArray, log_psi: FloatArray) -> FloatArray:
     """Approximate pair probabilities (k,) of a pair list by belief propagation (Williams & Lau 2014).
 
     In the log domain, and each sum over the others is formed from them and not by taking the own
-    term off, which would cancel. Exact without cycles; the iteration always converges. Memory is that
-    of the pairs; a crowd of pairs gets fewer iterations, so that time is bounded as well.
+    term off, which would cancel. Exact without cycles; the iteration always converges. Most messages of a crowd
+    settle long before the last, so between sweeps over all pairs only the neighbourhood of those that still change
+    is asked. Memory is that of the pairs; a crowd of pairs gets fewer iterations, so that time is bounded as well.
     """
-    by_row, by_col = _Segments.of(row), _Segments.of(col)
-    nu = np.zeros(len(log_psi))
-    for _ in range(max(20, min(LOOPY_ITERATIONS, LOOPY_WORK // max(len(row), 1)))):
-        mu = log_psi - _log_one_plus_others(log_psi + nu, by_row)
-        changed = -_log_one_plus_others(mu, by_col)
-        step = np.max(np.abs(changed - nu), initial=0.0)
-        nu = changed
-        if step < LOOPY_TOLERANCE:
+    all_pairs = _Messages.of(row, col, np.ones(len(row), bool))
+    mu, nu = np.zeros(len(log_psi)), np.zeros(len(log_psi))
+    budget = max(20 * len(row), min(LOOPY_ITERATIONS * len(row), LOOPY_WORK))
+    while budget > 0:
+        changed = all_pairs.pass_on(log_psi, mu, nu)
+        budget -= len(row)
+        if np.max(changed, initial=0.0) < LOOPY_TOLERANCE:
             break
-    message = log_psi + nu
-    scale, _, total = _scaled_sum(message, by_row)
-    return np.asarray(np.exp(message - (np.log(total) + scale)[by_row.node]), dtype=np.float64)
+        restless = np.zeros(int(row.max()) + 1, bool)
+        restless[row[changed >= LOOPY_TOLERANCE]] = True
+        some = _Messages.of(row, col, restless[row]) if restless.mean() < LOOPY_SHARE else all_pairs
+        for _ in range(LOOPY_SWEEP):
+            budget -= len(some.of_cols)
+            if np.max(some.pass_on(log_psi, mu, nu)) < LOOPY_TOLERANCE:
+                break
+    message, by_row = log_psi + nu, all_pairs.by_row
+    scale = np.maximum(np.maximum.reduceat(message[by_row.order], by_row.start), 0.0)
+    terms = np.exp(message[by_row.order] - scale[by_row.node])
+    total, out = np.add.reduceat(terms, by_row.start) + np.exp(-scale), np.empty_like(message)
+    out[by_row.order] = terms / total[by_row.node]
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,15 +219,40 @@ class _Segments:
 
     order: IntArray  # (k,) pairs, node by node
     start: IntArray  # (n,) of each node in the order
-    node: IntArray  # (k,) number of each pair's node
+    node: IntArray  # (k,) number of the node, in that order
 
     @classmethod
     def of(cls, node: IntArray) -> _Segments:
         order = np.argsort(node, kind="stable")
-        _, start, number = np.unique(node[order], return_index=True, return_inverse=True)
-        back = np.empty(len(node), dtype=np.int64)
-        back[order] = number.reshape(-1)
-        return cls(order, start, back)
+        begins = np.append(True, np.diff(node[order]) > 0)
+        return cls(order, np.flatnonzero(begins), np.cumsum(begins) - 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Messages:
+    """The pairs of some rows, and all pairs of the columns of these."""
+
+    of_rows: IntArray  # (k,)
+    by_row: _Segments
+    of_cols: IntArray  # (m,)
+    by_col: _Segments
+
+    @classmethod
+    def of(cls, row: IntArray, col: IntArray, in_rows: BoolArray) -> _Messages:
+        of_rows = np.flatnonzero(in_rows)
+        asked = np.zeros(int(col.max()) + 1, bool)
+        asked[col[of_rows]] = True
+        of_cols = np.flatnonzero(asked[col])
+        return cls(of_rows, _Segments.of(row[of_rows]), of_cols, _Segments.of(col[of_cols]))
+
+    def pass_on(self, log_psi: FloatArray, mu: FloatArray, nu: FloatArray) -> FloatArray:
+        """Messages mu to the columns and nu (k,) back to the rows, renewed in place; by how much the latter changed."""
+        i, j = self.of_rows, self.of_cols
+        mu[i] = log_psi[i] - _log_one_plus_others(log_psi[i] + nu[i], self.by_row)
+        back = -_log_one_plus_others(mu[j], self.by_col)
+        changed = np.abs(back - nu[j])
+        nu[j] = back
+        return np.asarray(changed)
 
 
 def _log_one_plus_others(x: FloatArray, by: _Segments) -> FloatArray:
@@ -223,21 +261,22 @@ def _log_one_plus_others(x: FloatArray, by: _Segments) -> FloatArray:
     What is left after taking a pair off the sum is at least as large as the pair, unless that
     is the largest one: nothing cancels if that one gets a sum of its own.
     """
-    scale, terms, total = _scaled_sum(x, by)
-    top = np.flatnonzero(x >= np.maximum.reduceat(x[by.order], by.start)[by.node])
-    _, first = np.unique(by.node[top], return_index=True)
-    largest = top[first]  # one of each node, by node
-    second = x.copy()
-    second[largest] = -np.inf
-    terms[largest] = 0.0
-    logs = np.log(total[by.node] - terms) + scale[by.node]
-    scale, _, total = _scaled_sum(second, by)
-    logs[largest] = np.log(total) + scale
-    return np.asarray(logs, dtype=np.float64)
-
-
-def _scaled_sum(x: FloatArray, by: _Segments) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log scale (n,) of each node, terms exp(x - scale) (k,) and their sum with exp(-scale) (n,), 1 or more."""
-    scale = np.maximum(np.maximum.reduceat(x[by.order], by.start), 0.0)
+    x = x[by.order]
+    most = np.maximum.reduceat(x, by.start)
+    scale = np.maximum(most, 0.0)
     terms = np.exp(x - scale[by.node])
-    return scale, terms, np.add.reduceat(terms[by.order], by.start) + np.exp(-scale)
+    top = np.flatnonzero(x == most[by.node])
+    largest = top[np.append(True, np.diff(by.node[top]) > 0)]  # one of each node
+    peak, terms[largest] = terms[largest], 0.0
+    others = np.add.reduceat(terms, by.start) + np.exp(-scale)
+    left = (others + peak)[by.node] - terms
+    left[largest] = others
+    out = np.empty_like(x)
+    with np.errstate(divide="ignore"):
+        out[by.order] = np.log(left) + scale[by.node]
+    if others.min() < FAINT:  # beside the largest all is lost: what is left has a scale of its own
+        x[largest] = -np.inf
+        second = np.maximum(np.maximum.reduceat(x, by.start), 0.0)
+        rest = np.add.reduceat(np.exp(x - second[by.node]), by.start) + np.exp(-second)
+        out[by.order[largest]] = np.log(rest) + second
+    return out

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from maritrack.associate import joint_marginals
 from maritrack.associate.groups import connected_groups
 from maritrack.associate.marginals import JointMarginals, sparse_marginals
+from maritrack.associate.matchings import loopy
 from maritrack.types import FloatArray, IntArray
 
 EXACT = 1e-12
@@ -154,3 +155,31 @@ def test_groups_share_neither_track_nor_measurement() -> None:
 
 def test_no_pairs_make_no_groups() -> None:
     assert len(connected_groups(NONE, NONE)) == 0
+
+
+@pytest.mark.parametrize("scale", [1.0, 8.0, 400.0])
+def test_belief_propagation_ends_where_sweeps_over_all_messages_end(scale: float) -> None:
+    """A ring of tight competitors, slow to settle, beside a loose crowd: asking the restless alone changes nothing."""
+    rng = np.random.default_rng(3)
+    crowd = np.nonzero(rng.random((60, 50)) < 0.15)
+    ring = 60 + np.repeat(np.arange(20), 2), 50 + (np.repeat(np.arange(20), 2) + np.tile([0, 1], 20)) % 20
+    row, col = (np.concatenate([a, b]) for a, b in zip(crowd, ring, strict=True))
+    log_psi = np.concatenate([rng.normal(0.0, scale, len(crowd[0])), np.full(40, 4.0)])
+    psi = np.full((80, 70), -np.inf)
+    psi[row, col] = log_psi
+    nu = np.zeros_like(psi)
+    for _ in range(1500):
+        mu = psi - log_of_others(psi + nu, axis=1)
+        nu = -log_of_others(mu, axis=0)
+    expected = np.exp(psi + nu - np.logaddexp(0.0, np.logaddexp.reduce(psi + nu, axis=1, keepdims=True)))
+    mixed = rng.permutation(len(row))
+    assert_allclose(loopy(row[mixed], col[mixed], log_psi[mixed]), expected[row, col][mixed], atol=1e-6)
+
+
+def log_of_others(x: FloatArray, *, axis: int) -> FloatArray:
+    """log(1 + sum of exp over the others along an axis): those before and those after."""
+    x = np.moveaxis(x, axis, 0)
+    edge = np.full((1, x.shape[1]), -np.inf)
+    before = np.concatenate([edge, np.logaddexp.accumulate(x, axis=0)[:-1]])
+    after = np.concatenate([np.logaddexp.accumulate(x[::-1], axis=0)[-2::-1], edge])
+    return np.moveaxis(np.logaddexp(0.0, np.logaddexp(before, after)), 0, axis)
