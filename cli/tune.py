@@ -87,6 +87,7 @@ def clustering(
     from maritrack.errors import UsageError
     from maritrack.tune import clustering as study
     from maritrack.tune.grids import parse_counts, parse_numbers
+    from maritrack.tune.subjects import subjects as all_subjects
 
     opt.check_workers(workers)
     if margin < 0 or radius <= 0:
@@ -96,7 +97,7 @@ def clustering(
         raise UsageError(f"--eps {eps}: greater than 0")
     if noise not in study.NOISES:
         raise UsageError(f"--noise {noise}: one of {', '.join(study.NOISES)}")
-    subjects = study.subjects(recordings, truth=truth or (), own_ship=own_ship or (), positions=positions)
+    subjects = all_subjects(recordings, truth=truth or (), own_ship=own_ship or (), positions=positions)
     settings = _config(recordings[0], preset, config, sets, limit)
     found = []
     for subject in subjects:

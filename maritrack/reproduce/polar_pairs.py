@@ -8,7 +8,8 @@ from pathlib import Path
 from maritrack.reproduce.claims import Table
 from maritrack.reproduce.polar_runs import Case, config_of, scene_of
 from maritrack.simulate.record import simulate
-from maritrack.tune.clustering import DOMAINS, Study, choose, rows, study, subject
+from maritrack.tune.clustering import Study, choose, rows, study
+from maritrack.tune.subjects import DOMAINS, subject
 
 EPS_M = (15.0, 25.0, 35.0, 45.0, 55.0, 75.0, 100.0, 150.0, 200.0)
 MIN_POINTS = (2, 3, 5, 8)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from maritrack.errors import InputError
-from maritrack.tune.clustering import DOMAINS, Study, choose
+from maritrack.tune.clustering import Study, choose
+from maritrack.tune.subjects import DOMAINS
 from maritrack.tune.tracking import TRACKER, Row
 from maritrack.types import FloatArray
 

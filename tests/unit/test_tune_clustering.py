@@ -15,19 +15,17 @@ from maritrack.errors import InputError, UsageError
 from maritrack.metrics.clusters import Noise, adjusted_rand_index, count_difference
 from maritrack.recording import open_inputs, open_recording
 from maritrack.tune.clustering import (
-    DOMAINS,
     Study,
-    Subject,
     agreement,
     at_edge,
     choose,
     document,
-    labelled_scans,
     mean,
     rows,
     study,
 )
-from maritrack.tune.clustering import subject as subject_of
+from maritrack.tune.subjects import DOMAINS, Subject, labelled_scans
+from maritrack.tune.subjects import subject as subject_of
 from tests.shared import ROOT
 
 SAMPLE = ROOT / "data" / "samples" / "harbour.cat240"

@@ -20,8 +20,8 @@ from maritrack.settings import Config
 from maritrack.simulate.labels import labels_path, read_labels, read_owners
 from maritrack.simulate.record import simulate
 from maritrack.simulate.scenes import load_scene
-from maritrack.tune.clustering import labelled_scans, subject
 from maritrack.tune.labelling import CellLabels, HullLabels
+from maritrack.tune.subjects import labelled_scans, subject
 from maritrack.types import Frame, Points, Scan, Sensor, Truth
 
 CONFIG = load_config(preset="radar", sets=["detect.threshold=0.4"])
