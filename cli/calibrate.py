@@ -48,6 +48,7 @@ def calibrate(
     config: opt.ConfigFile = None,
     sets: opt.Sets = None,
     truth: opt.Truth = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: opt.OwnShip = None,
     position: opt.Position = "",
     date: opt.Date = "",
@@ -80,6 +81,7 @@ def calibrate(
     octets = open_inputs(inputs)
     kinds = kinds_of(octets)
     over = overrides("", None, position, date, stabilised, azimuth_edge, None, sensor, "", None, None, limit, False)
+    over |= {"score": {"truth_match": truth_match}} if truth_match else {}
     settings = load_config(preset=preset or default_preset(kinds), file=config, sets=sets or (), over=over)
     side = side_documents(inputs, truth=truth, own_ship=own_ship, sensors=sensors)
     render.note(f"{', '.join(kinds)}: preset {settings.preset}; reading and comparing", quiet=quiet)

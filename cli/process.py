@@ -50,6 +50,7 @@ def process(
     sets: opt.Sets = None,
     seed: opt.Seed = None,
     truth: opt.Truth = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: opt.OwnShip = None,
     position: opt.Position = "",
     date: opt.Date = "",
@@ -101,6 +102,8 @@ def process(
         limit,
         moving,
     )
+    if truth_match:
+        over["score"] = over.get("score", {}) | {"truth_match": truth_match}
     if calibration is not None:
         over |= lags_over(calibration, over)
     settings = load_config(preset=chosen, file=config, sets=sets or (), over=over)

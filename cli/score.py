@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -29,10 +31,16 @@ def register(app: typer.Typer) -> None:
     app.command(name="score", help=HELP)(score)
 
 
+def matched(sets: Sequence[str], ids: str) -> Sequence[str]:
+    """The settings with --truth-match as one of them."""
+    return [*sets, f"score.truth_match={json.dumps(ids)}"] if ids else sets
+
+
 def score(
     run: Annotated[Path, typer.Argument(help="Archive of a run, or its folder.", show_default=False)],
     *,
     truth: opt.Truth = None,
+    truth_match: opt.TruthMatch = "",
     sets: Annotated[list[str] | None, opt.method("--set", "One setting of the metrics, e.g. score.c_m=50.")] = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     truth_lag: Annotated[
@@ -51,7 +59,9 @@ def score(
     from maritrack.score import score as rescore
 
     path, limits = archive_path(run), parse_limits(fail_over or ())
-    document, damage = rescore(path, truth=truth, sets=sets or (), moving=moving, lags=truth_lag or ())
+    document, damage = rescore(
+        path, truth=truth, sets=matched(sets or (), truth_match), moving=moving, lags=truth_lag or ()
+    )
     for item in damage:
         render.note(f"warning: {path}: {item.message}", quiet=quiet)
     rows = check(document["metrics"], limits)

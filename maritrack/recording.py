@@ -16,6 +16,7 @@ from maritrack.io import sniff
 from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
 from maritrack.io.cat240_source import Cat240Source
+from maritrack.io.documents import read_document
 from maritrack.io.fuse import in_steps, merge_sources, united
 from maritrack.io.images.source import ImageSource
 from maritrack.io.nmea import read_nmea
@@ -23,13 +24,13 @@ from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
 from maritrack.io.pose import PoseTrack
-from maritrack.io.reference import Reference
+from maritrack.io.reference import Reference, only
 from maritrack.io.rwmr.source import RwmrSource
 from maritrack.io.sensors import calibrated, check_calibration, check_sensors, for_input, parse_sensors
 from maritrack.io.source import Octets, Source
-from maritrack.io.truth import document_origin, find_truth, read_reference
+from maritrack.io.truth import document_kind, document_origin, find_truth, read_reference
 from maritrack.rwmrsettings import RwmrConfig
-from maritrack.settings import Config, InputConfig
+from maritrack.settings import Config, InputConfig, parse_ids
 from maritrack.types import Damage, Frame, Origin
 
 YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
@@ -87,15 +88,12 @@ def side_documents(
     documents = {}
     for name, path in named.items():
         if path is not None:
-            try:
-                documents[name] = path.read_bytes()
-            except OSError as error:
-                raise InputError(f"{path}: {error.strerror or error}") from None
+            documents[name] = read_document(path)
             if name == "sensors":
                 check_sensors(documents[name], name=str(path))
             if name == "calibration":
                 check_calibration(documents[name], name=str(path))
-            kind = sniff(documents[name][:65536], str(path)) if name in ("truth", "own-ship") else ""
+            kind = document_kind(documents[name], name=str(path)) if name in ("truth", "own-ship") else ""
             if kind in ("cat240", "plots"):
                 raise InputError(f"{path}: a recording ({kind}), no reference positions")
     if sensors is not None or calibration is not None:  # they may name sensors by the stems of their files
@@ -138,6 +136,7 @@ def open_recording(
         if kinds[0] == "autoferry" and origin is None:
             origin = AutoferrySource.origin
         reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date)
+        reference = only(reference, parse_ids(config.score.truth_match))
         settings = dated(settings, reference)
     sensors = sensors_of(side, settings)
     ships = {name: pose_of(document) for name, document in carriers.items()}
@@ -146,8 +145,8 @@ def open_recording(
     )
     sources = [place.source(kind, o) for kind, o in zip(kinds, octets, strict=True)]
     merged: Source = sources[0] if len(sources) == 1 else merge_sources(sources)
-    if reference is None:
-        reference = getattr(merged, "reference", None)
+    if reference is None and (held := getattr(merged, "reference", None)) is not None:
+        reference = only(held, parse_ids(config.score.truth_match))
     wrong = reference.damage if reference is not None else ()
     damage = tuple(replace(item, code=f"truth-{item.code}") for item in wrong)
     stepped = united(in_steps(merged.frames(), settings.step_s), settings.unite)
@@ -193,7 +192,7 @@ def carriers_of(
     """Reports of each ship that settings name as the carrier of a sensor, all in the plane of one origin."""
     found: dict[str, AisDocument] = {}
     for ship in dict.fromkeys(one.own_ship for one in settings if one.own_ship):
-        kinds = {n: sniff(side[n][:65536], n) for n in ("own-ship", "truth") if n in side}
+        kinds = {n: document_kind(side[n], name=n) for n in ("own-ship", "truth") if n in side}
         name = next((n for n, kind in kinds.items() if kind == "ais"), None)
         if kinds.get("own-ship") == "nmea" and not found:  # of one ship, whatever its name
             document = read_nmea(side["own-ship"], name="own-ship", date=settings[0].date, origin=origin)
@@ -234,7 +233,7 @@ def fixed_origin(settings: InputConfig) -> Origin | None:
 
 def own_ship(side: Mapping[str, bytes], settings: InputConfig, origin: Origin | None) -> AisDocument | None:
     """AIS that places the radar: the document given for it, else an entry of the truth marked as own ship."""
-    if "own-ship" in side and sniff(side["own-ship"][:65536], "own-ship") == "nmea":
+    if "own-ship" in side and document_kind(side["own-ship"], name="own-ship", own=True) == "nmea":
         return read_nmea(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
     if "own-ship" in side:
         document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
@@ -245,7 +244,7 @@ def own_ship(side: Mapping[str, bytes], settings: InputConfig, origin: Origin | 
             hint = "mark it in a column is_own_ship, or give a table of that ship alone"
             raise InputError("own-ship: which ship carries the radar?", hint)
         return document
-    if "truth" in side and sniff(side["truth"][:65536], "truth") == "ais":
+    if "truth" in side and document_kind(side["truth"], name="truth") == "ais":
         document = read_ais(side["truth"], name="truth", date=settings.date, origin=origin)
         return document if document.own is not None else None
     return None

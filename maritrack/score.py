@@ -9,19 +9,26 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.chain import Chain, build_chain, reported
-from maritrack.errors import InputError, UsageError
+from maritrack.errors import UsageError
 from maritrack.io.archive import Archive, ArchivedScan, iter_results, read_archive
-from maritrack.io.reference import Reference
+from maritrack.io.documents import read_document
+from maritrack.io.reference import Reference, only
 from maritrack.io.truth import read_reference
 from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import ScoreSums, add, hold, means, score_frame, summary_objects
 from maritrack.recording import open_recording
 from maritrack.replay import archived_config, archived_job
 from maritrack.run import with_truth
-from maritrack.settings import Config, ScoreConfig
+from maritrack.settings import Config, ScoreConfig, parse_ids
 from maritrack.types import Damage, Frame, Truth
 
-TRUTH_SETTINGS = ("max_gap_moving_s", "max_gap_rest_s", "truth_max_m", "truth_lag_s")  # they change the truth itself
+TRUTH_SETTINGS = (
+    "max_gap_moving_s",
+    "max_gap_rest_s",
+    "truth_max_m",
+    "truth_lag_s",
+    "truth_match",
+)  # they change the truth itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,16 +109,13 @@ def _config(archive: Archive, sets: Sequence[str], *, moving: bool, lags: Sequen
 def _reference(archive: Archive, truth: Path | None, config: Config) -> Reference | None:
     """Reports to take truth from; None = the archived truth of each scan is what is asked for."""
     origin, date = archive.manifest.origin, config.input.date
+    chosen = parse_ids(config.score.truth_match)
     if truth is not None:
-        try:
-            octets = truth.read_bytes()
-        except OSError as error:
-            raise InputError(f"{truth}: {error.strerror or error}") from None
-        return read_reference(octets, name=str(truth), origin=origin, date=date)
+        return only(read_reference(read_document(truth), name=str(truth), origin=origin, date=date), chosen)
     if _same_truth(archived_config(archive).score, config.score):
         return None
     if "truth" in archive.side:
-        return read_reference(archive.side["truth"], name="truth", origin=origin, date=date)
+        return only(read_reference(archive.side["truth"], name="truth", origin=origin, date=date), chosen)
     job = archived_job(archive).job  # the recording itself may tell the truth
     reference = open_recording(job.octets, job.kinds, job.side, config).reference
     if reference is None:

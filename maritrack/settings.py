@@ -182,6 +182,11 @@ def parse_lags(text: str) -> dict[str, float]:
     return lags
 
 
+def parse_ids(text: str) -> tuple[str, ...]:
+    """`210574000, 366` as ("210574000", "366"), each once."""
+    return tuple(dict.fromkeys(filter(None, (part.strip() for part in text.split(",")))))
+
+
 @dataclass(frozen=True, kw_only=True)
 class ScoreConfig:
     """Metrics, and what counts as truth."""
@@ -196,6 +201,7 @@ class ScoreConfig:
     max_gap_rest_s: float = 360.0  # ... and this at rest
     truth_max_m: float = 0.0  # truth counts up to this range, in the region of interest; 0 = the radar's
     truth_lag_s: str = ""  # "MMSI=SECONDS,...": reports of that ship are late by so much
+    truth_match: str = ""  # "MMSI,...": these ships of the truth alone; "" = all
     box_margin_m: float = 0.0  # boxes of vessels are wider by this all around, for fpr and npv
 
     @property

@@ -91,10 +91,11 @@ def _truth_beside(path: Path) -> int | None:
     stem = path.name.partition(".")[0]
     if not any(path.parent.glob(f"{escape(stem)}*ruth.json")):
         return None
+    from maritrack.io.documents import read_document
     from maritrack.io.truth import find_truth, read_reference
 
     found = find_truth(path)
-    return None if found is None else len(read_reference(found.read_bytes(), name=str(found), origin=None))
+    return None if found is None else len(read_reference(read_document(found), name=str(found), origin=None))
 
 
 @dataclass

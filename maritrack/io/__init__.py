@@ -25,8 +25,9 @@ MAGIC = (  # first octets, what they are, what to do
 ARCHIVE = b"maritrack.archive"  # stands in the head of an archive of a run
 READ = (
     "CAT240 radar video (as blocks, pcap, pcapng, FINAL or MCAP, also gzipped), folders and ZIPs of radar images, "
-    "points as JSON, Autoferry, plots and AIS as CSV are read"
+    "points as JSON, Autoferry, plots as CSV and AIS (NMEA sentences, CSV, .mat) are read"
 )
+AIS = re.compile(rb"!(?:[A-Z]{2}|--)VD[MO],\d,\d,")  # a sentence of AIS
 OWN_SHIP = re.compile(r"(?:\\[^\\\r\n]*\\)?\$[A-Z]{2}[A-Z]{3},")  # a sentence of an instrument, maybe behind a tag
 LAT = {"lat", "latitude", "lat_deg", "latitude_deg", "latitude_degrees"}
 
@@ -92,22 +93,26 @@ def _behind_gzip(head: bytes, name: str) -> str:
 
 def _text_kind(head: bytes, name: str) -> str:
     """Kind of a text, "" for what is none."""
+    if AIS.search(head):
+        return "ais"
     text = head.decode("utf-8-sig", "replace").lstrip()
     if text[:1] == "{":
         return _object_kind(text, name)
     if text[:1] == "[" and re.match(r"\[\s*[\[{\]]", text):
-        if '"sensorID"' in text:
-            return "autoferry"
-        if '"targetID"' in text:
-            return "autoferry-truth"
-        raise InputError(f"{name}: a JSON list, but not of Autoferry", hint=READ)
+        return _list_kind(text, name)
     if b"\x00" in head[:1024]:
         return ""
-    if text.startswith(("!AIVDM", "!BSVDM", "$PGHP", "\\")) and "VDM," in text:
-        raise InputError(f"{name}: AIS sentences (NMEA)", hint="they are not read yet: decode them to CSV")
     if OWN_SHIP.match(text):
         return "nmea"
     return _table_kind(text)
+
+
+def _list_kind(text: str, name: str) -> str:
+    """Kind of a JSON list."""
+    for word, kind in (('"sensorID"', "autoferry"), ('"targetID"', "autoferry-truth")):
+        if word in text:
+            return kind
+    raise InputError(f"{name}: a JSON list, but not of Autoferry", hint=READ)
 
 
 def _object_kind(text: str, name: str) -> str:

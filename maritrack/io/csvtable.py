@@ -15,7 +15,8 @@ from maritrack.io.times import DAY_S, iso_to_s, usable_time
 from maritrack.types import FloatArray
 
 TIMES = (
-    "time", "timestamp", "datetime", "basedatetime", "time_utc", "time_s", "time_ms", "time_s_utc_of_day", "epoch", "t",
+    "time", "timestamp", "datetime", "basedatetime", "base_date_time",
+    "time_utc", "time_s", "time_ms", "time_s_utc_of_day", "epoch", "t",
 )  # fmt: skip
 DAY_FIRST = re.compile(r"(\d\d)[/.](\d\d)[/.](\d{4})")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from maritrack.errors import InputError
 from maritrack.geo import geodetic_to_en
-from maritrack.io.ais import AisDocument, OwnShip
+from maritrack.io.ais import AisDocument, OwnShip, none_implausible
 from maritrack.io.reference import Reports, build_reference
 from maritrack.io.times import DAY_NS, day_start_ns
 from maritrack.types import Damage, Origin
@@ -39,7 +39,9 @@ def read_nmea(data: bytes, *, name: str, date: str = "", origin: Origin | None =
         width_m=none, complete=False,
         damage=tuple(Damage(code, -1, f"NMEA sentences {TOLD[code]}", count=n) for code, n in sorted(wrong.items())),
     )  # fmt: skip
-    return AisDocument(reference, OwnShip(t_ns, lat_deg, lon_deg, position_m, np.deg2rad(heading_deg)), origin)
+    return AisDocument(
+        reference, OwnShip(t_ns, lat_deg, lon_deg, position_m, np.deg2rad(heading_deg)), origin, none_implausible()
+    )
 
 
 def _fixes(text: str, day_ns: int) -> tuple[dict[int, tuple[float, float, float]], Counter[str]]:

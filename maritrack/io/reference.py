@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from maritrack.errors import UsageError
 from maritrack.geo import en_to_geodetic, geodetic_to_en, wrap, wrap_positive
-from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, Truth, check_lengths
+from maritrack.types import BoolArray, Damage, FloatArray, IntArray, Origin, Truth, check_lengths, take
 
 REST_M = 20.0  # a ship whose two reports are nearer than this, or ...
 REST_MPS = 0.5  # ... whose way between them is slower than this, lies at rest
@@ -95,6 +96,27 @@ def build_reference(
         up_m=None if reports.up_m is None else reports.up_m[rows],
         vel_up_mps=None if reports.vel_up_mps is None else reports.vel_up_mps[rows],
     )
+
+
+def only(reference: Reference, ids: Sequence[str]) -> Reference:
+    """The ships of these ids alone; all, where none is named. UsageError for one that is not there."""
+    if not ids:
+        return reference
+    missing = [i for i in ids if i not in reference.ids]
+    if missing:
+        some = ", ".join(reference.ids[:8]) + (", ..." if len(reference.ids) > 8 else "")
+        raise UsageError(f"no ship {', '.join(missing)} in the truth", hint=f"it has {some}")
+    ship = np.repeat(np.arange(len(reference)), np.diff(reference.start))
+    chosen = np.array([i in ids for i in reference.ids], bool)
+    told = Reports(ship, *(getattr(reference, f.name) for f in fields(Reports) if f.name != "ship"))
+    left: Reports = take(told, chosen[ship])
+    return replace(
+        reference, **{f.name: getattr(left, f.name) for f in fields(left) if f.name != "ship"},
+        ids=tuple(i for i in reference.ids if i in ids),
+        names=tuple(name for i, name in zip(reference.ids, reference.names, strict=True) if i in ids),
+        start=np.append(0, np.cumsum(np.diff(reference.start)[chosen])).astype(np.int64),
+        length_m=reference.length_m[chosen], width_m=reference.width_m[chosen],
+    )  # fmt: skip
 
 
 def moved_to(reference: Reference, *, old: Origin | None, new: Origin | None) -> Reference:

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from maritrack.errors import InputError
 from maritrack.io import sniff
 from maritrack.io.ais import read_ais
+from maritrack.io.aismat import MAT5, holds_ais
 from maritrack.io.autoferry import ORIGIN, autoferry_truth
 from maritrack.io.octets import HEAD
 from maritrack.io.pointjson import point_origin, point_truth
 from maritrack.io.reference import Reference, moved_to
 from maritrack.types import Origin
 
+OWN_PLACE = re.compile(rb"\$[A-Z]{2}(?:RMC|GGA),")
+
 
 def read_reference(
     data: bytes, *, name: str, origin: Origin | None, date: str = "", own_ship: str | None = None
 ) -> Reference:
-    """The truth of a points document, Autoferry ground truth (JSON or .mat) or an AIS table, by its content.
+    """The truth of a points document, Autoferry ground truth (JSON or .mat) or AIS of any form, by its content.
 
     Positions are in the plane of `origin`; where it is None, in that of the document (AIS: about its own
     ship, else its first report). `date` is for AIS times of day. InputError for what holds no truth.
     """
-    kind = sniff(data[:HEAD], name)
+    kind = document_kind(data, name=name)
     if kind == "points":
         reference, own_origin = point_truth(data, name=name)
         return moved_to(reference, old=own_origin, new=origin)
@@ -31,14 +35,28 @@ def read_reference(
     if kind == "ais":
         return read_ais(data, name=name, date=date, origin=origin, own_ship=own_ship).reference
     raise InputError(
-        f"{name}: no reference positions", hint="truth is AIS as CSV, points JSON or Autoferry ground truth"
+        f"{name}: no reference positions",
+        hint="truth is AIS (sentences, CSV or .mat), points JSON or Autoferry ground truth",
     )
+
+
+def document_kind(data: bytes, *, name: str, own: bool = False) -> str:
+    """The kind of a document of reference positions, as `sniff` tells it, but of .mat files by what they hold.
+
+    `own`: a log of AIS sentences in which the ship's own instruments tell its place is "nmea".
+    """
+    kind = sniff(data[:HEAD], name)
+    if kind == "autoferry" and data.startswith(MAT5) and holds_ais(data):
+        return "ais"
+    if own and kind == "ais" and OWN_PLACE.search(data[:HEAD]):
+        return "nmea"
+    return kind
 
 
 def document_origin(data: bytes) -> Origin | None:
     """The origin that a document of truth refers its positions to; None where it has none or is no such document."""
     try:
-        kind = sniff(data[:HEAD], "truth")
+        kind = document_kind(data, name="truth")
         if kind == "points":
             return point_origin(data)
     except InputError:  # `read_reference` will say what is wrong

@@ -11,11 +11,11 @@ from glob import glob
 from pathlib import Path
 
 from maritrack.errors import InputError, UsageError
-from maritrack.io import sniff
+from maritrack.io.documents import read_document, unpacked
 from maritrack.io.octets import octets_from_file
 from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_url, size_of
 from maritrack.io.source import Octets
-from maritrack.io.truth import truth_names
+from maritrack.io.truth import document_kind, truth_names
 from maritrack.recording import PRESET_OF_KIND, kinds_of, side_documents
 from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
 from maritrack.simulate.pointscene import PointScene, simulate_points
@@ -172,7 +172,7 @@ def _side(source: Source) -> dict[str, bytes]:
     names = {"truth": source.truth or _truth_beside(source.name), "own-ship": source.own_ship}
     side = {name: _document(place) for name, place in names.items() if place}
     for name, octets in side.items():
-        if sniff(octets[:65536], name) in ("cat240", "plots"):
+        if document_kind(octets, name=name) in ("cat240", "plots"):
             raise InputError(f"{names[name]}: a recording, no reference positions")
     return side
 
@@ -185,8 +185,5 @@ def _truth_beside(name: str) -> str:
 
 def _document(place: str) -> bytes:
     if is_url(place):
-        return read_url(place)
-    try:
-        return Path(place).read_bytes()
-    except OSError as error:
-        raise InputError(f"{place}: {error.strerror or error}") from None
+        return unpacked(read_url(place), name=place)
+    return read_document(Path(place))

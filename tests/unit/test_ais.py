@@ -217,7 +217,7 @@ def test_the_corrupted_row_and_the_double_times_of_a_real_recording_are_found():
     data = shared("data/ais_solent/SolentAIS_20160112_130211.csv").read_bytes()
     document = read_ais(data, name="x")
     assert len(document.reference) == 91
-    assert codes(document) == {"duplicate-time": 3, "position-jump": 1}
+    assert codes(document) == {"duplicate-time": 3, "duplicate-report": 100, "position-jump": 1}
     assert np.abs(document.reference.position_m).max() < 100_000.0
 
 

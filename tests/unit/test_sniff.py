@@ -45,6 +45,8 @@ OTHER = b"\x30\x00\x10" + b"\xff\x01" * 6 + b"\x00"  # 16 octets of category 48
         (b"time_s_utc_of_day,azimuth_rad,range_m\n1,2,3\n", "plots"),
         (b"Range [m];Time;Bearing (deg)\n", "plots"),
         (b"Time,MMSI,Latitude_degrees,Longitude_degrees\n", "ais"),
+        (b"!AIVDM,1,1,,A,15,0*00\n", "ais"),
+        (b"\\c:1452603600*00\\!BSVDM,1,1,,A,15,0*00\n", "ais"),
         (b"# Timestamp\tMMSI\tLatitude\tLongitude\r\n", "ais"),
     ],
 )
@@ -70,7 +72,6 @@ def test_the_content_says_what_it_is(head, kind):
         (b'{"a": 1}', 'without "format"'),
         (b"{}", 'without "format"'),
         (b"[[1, 2]]", "not of Autoferry"),
-        (b"!AIVDM,1,1,,A,15,0*00\n", "NMEA"),
         (b"t\x00i\x00m\x00e\x00", "not a recording"),
         (b"\xff\xfet\x00", "UTF-16"),
         (b"dear reader,\n", "not a recording"),
