@@ -40,6 +40,7 @@ from . import (
     sweep,
     table,
     tune,
+    verify_ais,
 )
 
 EXIT_BUG, EXIT_INTERRUPTED, EXIT_PIPE = 70, 130, 141
@@ -75,6 +76,7 @@ for module in (
     smooth,
     diff,
     score,
+    verify_ais,
     simulate,
     show,
     export,

@@ -54,6 +54,7 @@ BELOW = {  # what each part of the package may import besides itself
     "score": LINE | {"chain", "io", "recording", "replay", "run"},
     "retrospect": BASE | {"objects"},
     "smooth": LINE | {"chain", "io", "job", "replay", "retrospect", "run"},
+    "aischeck": LINE | {"config", "io", "retrospect", "sinks"},
     "calibrate": LINE | {"chain", "io", "recording", "retrospect"},
     "convert": BASE | {"io"},
     "imageguess": BASE | {"io"},
@@ -79,7 +80,12 @@ READING = {  # the packages of `maritrack.io`, and which of the others each may 
 ONLY_IN = {  # libraries that stay where they are
     "typer": ("cli/",),
     "rich": ("cli/",),
-    "rerun": ("maritrack/sinks/rerun.py", "maritrack/sinks/blueprint.py", "maritrack/sinks/curves.py"),
+    "rerun": (
+        "maritrack/sinks/rerun.py",
+        "maritrack/sinks/blueprint.py",
+        "maritrack/sinks/curves.py",
+        "maritrack/sinks/aismap.py",
+    ),
     "mcap": ("maritrack/io/archive.py", "maritrack/io/containers/mcap_writer.py", "maritrack/sinks/mcap.py"),
     "sklearn": ("maritrack/cluster/", "maritrack/metrics/clusters.py"),
     "maritrack_cli": (),
