@@ -115,7 +115,7 @@ def _tell(told: dict[str, Any], outputs: dict[str, str]) -> None:
          render.number(r["p_detect"]), f"{r['low']:.2f}-{r['high']:.2f}")
         for r in told["seeing"]["rings"]
     ]  # fmt: skip
-    render.table("echoes of ships that are seen, by range", ("km", "ships", "looks", "P", "95 %"), rings)
+    render.table("echoes of ships that are seen, by range", ("km", "ships", "looks", "P of another", "95 %"), rings)
     render.table("left out", ("code", "count"), [(code, str(n)) for code, n in told["warnings"].items()])
     for kind, path in outputs.items():
         print(f"{kind}: {path}")

@@ -16,7 +16,7 @@ from maritrack.aischeck.judge import ECHO, Rules, Verdict, matched_ships, verdic
 from maritrack.aischeck.looks import Looks, look
 from maritrack.aischeck.match import Noise, TrackRows, match, rows_of, with_lags
 from maritrack.aischeck.seeing import Seeing, seeing_of
-from maritrack.aischeck.ships import Jump, Ship, jumps, ships_of
+from maritrack.aischeck.ships import Jump, Ship, comes_near, jumps, ships_of
 from maritrack.aischeck.strangers import Stranger, displacements, strangers
 from maritrack.config import config_from_toml
 from maritrack.errors import UsageError
@@ -28,6 +28,8 @@ from maritrack.io.truth import document_kind, read_reference
 from maritrack.retrospect import History, gather, judged
 from maritrack.settings import Config, parse_ids, parse_lags
 from maritrack.types import CONFIRMED, BoolArray, Damage, FloatArray, Origin
+
+NEAR_M = 5000.0  # beyond what the radar sees: a ship may come in between two reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +80,10 @@ def check_ais(
     config = config_from_toml(archive.config_toml)
     config = replace(config, input=replace(config.input, date=date or config.input.date))
     damage: list[Damage] = []
-    history, sensor_m, cell_m, start_ns = _history(archive, damage)
+    history, sensor_m, cell_m, reach_m, start_ns = _history(archive, damage)
     noise = Noise(math.radians(options.azimuth_sigma_deg), cell_m / 2)
-    ships, leaps, wrong = _ships(ais, archive, config, options, start_ns)
+    told, leaps, wrong = _ships(ais, archive, config, options, start_ns)
+    ships = [ship for ship in told if comes_near(ship, sensor_m, reach_m + NEAR_M)]
     ships = _with_known_lags(ships, lags, config)
     history, members = linked(history)
     rows = rows_of(history, start_ns, sensor_m)
@@ -108,26 +111,29 @@ def check_ais(
     azimuth, sigma = _azimuth(rows, ships, matching.ship, matched)
     return Check(
         archive.manifest.run_id, archive.manifest.origin, start_ns, len(sensor_m), said, alone,
-        _in_time(leaps, start_ns, rows, looks), seeing, azimuth, sigma, len(ships) - len(said), rows, members, ships,
+        _in_time(leaps, start_ns, rows, looks), seeing, azimuth, sigma, len(told) - len(said), rows, members, ships,
         looks, (*archive.damage, *damage, *wrong), noise, options,
     )  # fmt: skip
 
 
-def _history(archive: Archive, damage: list[Damage]) -> tuple[History, FloatArray, float, int]:
-    """Rows of the tracks while confirmed, where the radar was in each scan, the depth of its cells, the first time."""
+def _history(archive: Archive, damage: list[Damage]) -> tuple[History, FloatArray, float, float, int]:
+    """Rows of the tracks while confirmed, where the radar was in each scan, the depth of its cells, how far it saw,
+    and when it began."""
     places: dict[int, FloatArray] = {}
-    cells, start_ns, parts = 0.0, None, []
+    cells, reach_m, start_ns, parts = 0.0, 0.0, None, []
     for scan in iter_results(archive.path, on_damage=damage.append):
         start_ns = scan.scan.t_start_ns if start_ns is None else start_ns
         places[scan.k] = scan.scan.position_m
         cells = max(cells, scan.scan.sensor.range_res_m)
+        own_m = scan.scan.sensor.max_range_m
+        reach_m = max(reach_m, own_m if math.isfinite(own_m) else float(scan.clusters.range_m.max(initial=0.0)))
         parts.append((scan.k, scan.tracks))
     if start_ns is None:
         raise UsageError(f"{archive.path}: no scan in it")
     history = gather(parts)
     sensor_m = np.zeros((max(places) + 1, 2))
     sensor_m[list(places)] = np.stack(list(places.values()))
-    return history.rows(np.flatnonzero(history.tracks.status >= CONFIRMED)), sensor_m, cells, start_ns
+    return history.rows(np.flatnonzero(history.tracks.status >= CONFIRMED)), sensor_m, cells, reach_m, start_ns
 
 
 def _ships(

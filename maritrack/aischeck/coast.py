@@ -20,7 +20,7 @@ def read_coast(data: bytes, *, name: str, origin: Origin) -> list[FloatArray]:
     try:
         document = json.loads(data.decode("utf-8-sig"))
         rings = [np.asarray(ring, float)[:, :2] for ring in _rings(document)]
-    except (ValueError, TypeError, IndexError, RecursionError):
+    except (ValueError, TypeError, IndexError, KeyError, AttributeError, RecursionError):
         raise InputError(f"{name}: no GeoJSON of polygons") from None
     if not rings:
         raise InputError(f"{name}: GeoJSON without polygons or lines")

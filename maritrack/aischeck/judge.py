@@ -102,8 +102,8 @@ def _verdict(
     p_ring = seeing.p_detect(without=s)[ring_of(looks.range_m[open_])]
     told = np.isfinite(p_ring)
     mean = float(p_ring[told].mean()) if told.any() else math.nan
-    scale = 1.0 / seeing.independent
-    few = p_so_few(looks.hit[open_][told].sum() * scale, told.sum() * scale, mean, seeing.spread) if told.any() else 1.0
+    scale, spread = 1.0 / seeing.independent, seeing.spread_of_another(without=s)
+    few = p_so_few(looks.hit[open_][told].sum() * scale, told.sum() * scale, mean, spread) if told.any() else 1.0
     many = p_so_many(hits * scale, n * scale, beside, BESIDE_SPREAD) if n else 1.0
     speed = float(np.median(looks.speed_mps[here]))
     matched = len(np.unique(rows.scan[of]))
@@ -127,7 +127,7 @@ def _said(
     share, echoes = f"{hits} echoes in {n} looks", many < rules.p_echo
     if is_matched:
         return CONFIRMED, f"a track goes with it in {matched} scans"
-    if displaced is not None:
+    if displaced is not None and not (echoes and speed >= REST_MPS):
         far = math.hypot(*displaced.offset_m)
         return DISPLACED, f"track {displaced.track} goes as it does, {far:.0f} m away, in {displaced.scans} scans"
     if few < rules.p_unseen and matched < LEAST_MATCHED and not echoes:

@@ -31,19 +31,36 @@ class Seeing:
     independent: float  # so many looks are worth one, >= 1
     spread: float  # between ships
 
+    def worth(self, without: int = -1) -> tuple[FloatArray, FloatArray]:
+        """Looks and hits (r,) of each ring as if all were independent, one ship left out.
+
+        Looks at one ship are alike: n of them are worth n / (1 + (n - 1) spread), so many ships count for more.
+        """
+        others = np.arange(len(self.looks)) != without
+        n = self.looks[others] / self.independent
+        share = np.divide(self.hits[others], self.looks[others], out=np.zeros_like(n), where=n > 0)
+        worth = n / (1.0 + np.maximum(n - 1.0, 0.0) * self.spread)
+        return worth.sum(axis=0), (worth * share).sum(axis=0)
+
     def p_detect(self, without: int = -1) -> FloatArray:
         """Probability (r,) of an echo in each ring, one ship left out; nan where too little tells it."""
         others = np.arange(len(self.looks)) != without
-        n, h = self.looks[others].sum(axis=0), self.hits[others].sum(axis=0)
-        enough = n / self.independent >= LEAST_LOOKS
+        enough = self.looks[others].sum(axis=0) / self.independent >= LEAST_LOOKS
+        n, h = self.worth(without)
         return np.where(enough, (h + 0.5) / (n + 1.0), np.nan)
 
     def interval(self) -> tuple[FloatArray, FloatArray]:
-        """The 95 % interval (r,) of these probabilities (Jeffreys, of independent looks)."""
+        """The 95 % interval (r,) of these probabilities (Jeffreys), of ships like these."""
         from scipy.stats import beta
 
-        n, h = self.looks.sum(axis=0) / self.independent, self.hits.sum(axis=0) / self.independent
+        n, h = self.worth()
         return np.asarray(beta.ppf(0.025, h + 0.5, n - h + 0.5)), np.asarray(beta.ppf(0.975, h + 0.5, n - h + 0.5))
+
+    def spread_of_another(self, without: int = -1) -> float:
+        """Spread of a further ship about that probability, which is itself told by few ships."""
+        others = np.arange(len(self.looks)) != without
+        ships = int((self.looks[others] > 0).any(axis=1).sum())
+        return min(self.spread * (1.0 + 1.0 / max(ships, 1)), 0.95)
 
 
 def ring_of(range_m: FloatArray) -> IntArray:

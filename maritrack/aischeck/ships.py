@@ -75,6 +75,12 @@ def ships_of(reference: Reference, start_ns: int, *, max_gap_moving_s: float, ma
     return ships
 
 
+def comes_near(ship: Ship, sensor_m: FloatArray, reach_m: float) -> bool:
+    """Whether a report lies within the reach of the box that the sensor (k, 2) was in."""
+    low, high = sensor_m.min(axis=0) - reach_m, sensor_m.max(axis=0) + reach_m
+    return bool(((ship.position_m >= low) & (ship.position_m <= high)).all(axis=1).any())
+
+
 @dataclass(frozen=True, slots=True)
 class Jump:
     """A step of AIS that no ship makes."""

@@ -1,0 +1,210 @@
+"""The parts of the check of AIS: assignments, beams, land, chains of tracks, and whether its probabilities are true."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from maritrack.aischeck.chains import linked
+from maritrack.aischeck.coast import hidden, read_coast
+from maritrack.aischeck.looks import Looks, beam_s
+from maritrack.aischeck.match import GATE, around, best_pairs
+from maritrack.aischeck.seeing import alike, p_so_few, p_so_many, seeing_of
+from maritrack.aischeck.ships import Ship, comes_near, jumps, steps_m
+from maritrack.errors import InputError
+from maritrack.geo import en_to_geodetic
+from maritrack.io.ais import none_implausible
+from maritrack.retrospect import History
+from maritrack.types import CONFIRMED, Origin, Tracks
+
+HERE = Origin(54.0, 10.0)
+
+
+def ship(t_s, position_m, velocity_mps=None, **more) -> Ship:
+    position_m = np.asarray(position_m, float)
+    velocity = np.full(position_m.shape, np.nan) if velocity_mps is None else np.asarray(velocity_mps, float)
+    told = {"length_m": 40.0, "width_m": 8.0, "max_gap_moving_s": 30.0, "max_gap_rest_s": 360.0, **more}
+    return Ship("1", "S", t_s=np.asarray(t_s, float), position_m=position_m, velocity_mps=velocity, **told)
+
+
+def test_a_ship_is_known_between_reports_that_are_near_enough_and_a_lag_shifts_them():
+    one = ship([0, 10, 60], [[0, 0], [50, 0], [300, 0]])
+    at, velocity, known = one.at(np.array([-1.0, 5.0, 30.0, 60.5]))
+    assert known.tolist() == [False, True, False, False]
+    assert_allclose(at[1], [25.0, 0.0])
+    assert_allclose(velocity[1], [5.0, 0.0])
+    assert_allclose(one.at(np.array([1.0]), lag_s=4.0)[0], [[25.0, 0.0]])
+    still = ship([0, 300], [[0, 0], [3, 0]])
+    assert still.at(np.array([150.0]))[2].tolist() == [True]
+    assert ship([0], [[0, 0]]).at(np.array([0.0]))[2].tolist() == [False]
+
+
+def test_a_step_off_the_way_that_course_and_speed_tell_is_a_leap_and_a_turn_is_none():
+    t_s = np.arange(0.0, 60.0, 5.0)
+    straight = np.stack([8.0 * t_s, np.zeros(len(t_s))], axis=-1)
+    told = np.tile([8.0, 0.0], (len(t_s), 1))
+    assert (steps_m(ship(t_s, straight, told)) == 0).all()
+    leapt = straight + np.where(t_s[:, None] >= 30, [0.0, 300.0], 0.0)
+    (jump,) = jumps([ship(t_s, leapt, told)], none_implausible(), 0)
+    assert (jump.what, jump.t_ns) == ("step", 30 * 10**9)
+    assert jump.off_m == pytest.approx(300.0, abs=1.0)
+    angle = t_s * 0.05  # a turn of 3 degrees a second
+    circle = 160.0 * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=-1)
+    turning = 8.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    assert (steps_m(ship(t_s, circle, turning)) == 0).all()
+    assert (steps_m(ship(t_s, straight)) == 0).all()
+    assert steps_m(ship([0, 5], [[0, 0], [5000, 0]]))[0] > 0
+
+
+def test_ships_that_never_come_near_are_left_out():
+    sensor_m = np.zeros((3, 2))
+    assert comes_near(ship([0, 9], [[90_000, 0], [9000, 0]]), sensor_m, 10_000.0)
+    assert not comes_near(ship([0, 9], [[90_000, 0], [19_000, 0]]), sensor_m, 10_000.0)
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 10_000))
+def test_the_pairs_of_a_scan_are_the_best_of_all(n_rows, n_ships, seed):
+    rng = np.random.default_rng(seed)
+    table = rng.uniform(0, GATE, (n_rows, n_ships))
+    row, which = (index.ravel() for index in np.indices(table.shape))
+    chosen = best_pairs(np.zeros(table.size, int), row, which, table.ravel())
+    ours = sum(table.ravel()[chosen]) - GATE * len(chosen)
+    best = 0.0
+    for k in range(1, min(n_rows, n_ships) + 1):
+        for a, b in itertools.product(
+            itertools.combinations(range(n_rows), k), itertools.permutations(range(n_ships), k)
+        ):
+            best = min(best, sum(table[i, j] - GATE for i, j in zip(a, b, strict=True)))
+    assert ours == pytest.approx(best)
+    assert len(set(row[chosen].tolist())) == len(set(which[chosen].tolist())) == len(chosen)
+
+
+def test_costs_are_means_over_the_known_rows_around():
+    value = np.array([1.0, 99.0, 3.0])
+    known = np.array([True, False, True])
+    assert_allclose(around(value, known), [2.0, 2.0, 2.0])
+    assert np.isinf(around(value, np.zeros(3, bool))).all()
+
+
+def test_the_beam_passes_at_the_time_of_the_point_next_to_it_over_north_too():
+    azimuth = np.radians([10.0, 100.0, 350.0])
+    assert_allclose(beam_s(np.radians([20.0, 359.0, 5.0]), azimuth, np.array([1.0, 2.0, 3.0]), 9.0), [1.0, 3.0, 1.0])
+    assert_allclose(beam_s(np.array([1.0]), np.zeros(0), np.zeros(0), 9.0), [9.0])
+
+
+def test_land_hides_what_is_behind_it_and_nothing_else():
+    square = np.array([[1000.0, -100], [1100, -100], [1100, 100], [1000, 100], [1000, -100]])
+    places = np.array([[900.0, 0], [2000, 0], [2000, 1000], [-2000, 0], [1050, 0]])
+    sensor = np.zeros((5, 2))
+    assert hidden(sensor, places, [square]).tolist() == [False, True, False, False, True]
+    assert not hidden(sensor, places, []).any()
+    assert hidden(np.zeros((0, 2)), np.zeros((0, 2)), [square]).tolist() == []
+
+
+def test_coasts_are_read_from_every_kind_of_geojson():
+    lat, lon = en_to_geodetic(HERE, np.array([[0.0, 0], [100, 0], [100, 100], [0, 0]]))
+    ring = np.stack([lon, lat], axis=-1).tolist()
+    polygon = {"type": "Polygon", "coordinates": [ring]}
+    shapes = [
+        polygon, {"type": "MultiPolygon", "coordinates": [[ring]]}, {"type": "LineString", "coordinates": ring},
+        {"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": polygon, "properties": {}}]},
+        {"type": "GeometryCollection", "geometries": [polygon, {"type": "Point", "coordinates": [0, 0]}]},
+    ]  # fmt: skip
+    for shape in shapes:
+        (found,) = read_coast(json.dumps(shape).encode(), name="x", origin=HERE)
+        assert_allclose(found[2], [100.0, 100.0], atol=1e-3)
+    bad = [b"", b"[]", b"{", b'{"type":"Polygon"}', b'{"type":"Point","coordinates":[0,0]}', b"\xff",
+           b'{"type":"Polygon","coordinates":[["a"]]}', b"[" * 5000]  # fmt: skip
+    for data in bad:
+        with pytest.raises(InputError, match=r"^x: "):
+            read_coast(data, name="x", origin=HERE)
+
+
+def history(pieces: list[tuple[int, int, int, tuple[float, float], tuple[float, float]]]) -> History:
+    """Pieces of tracks: id, first scan, rows, place, velocity; scans are 2.5 s apart."""
+    scan = np.concatenate([np.arange(first, first + n) for _, first, n, _, _ in pieces])
+    id_ = np.concatenate([np.full(n, i) for i, _, n, _, _ in pieces])
+    place = np.concatenate([np.array(p) + 2.5 * np.outer(np.arange(n), v) for _, _, n, p, v in pieces])
+    velocity = np.concatenate([np.tile(v, (n, 1)) for _, _, n, _, v in pieces])
+    n = len(scan)
+    cov = np.tile(np.diag([100.0, 100, 1, 1]), (n, 1, 1))
+    tracks = Tracks(
+        id_, (scan * 2.5e9).astype(np.int64), place, velocity, cov, np.zeros((n, 2, 2)), np.ones(n),
+        np.full(n, CONFIRMED), np.ones(n, bool), np.zeros(n, np.int64), (), np.full(n, np.nan),
+    )  # fmt: skip
+    return History(scan, tracks)
+
+
+def test_pieces_that_go_on_are_one_and_others_are_not():
+    first = (3, 0, 10, (0.0, 0.0), (8.0, 0.0))
+    after = (7, 14, 10, (8.0 * 2.5 * 14, 10.0), (8.0, 0.5))
+    elsewhere = (8, 14, 5, (280.0, 900.0), (8.0, 0.0))
+    back = (9, 14, 5, (8.0 * 2.5 * 14, 0.0), (-8.0, 0.0))
+    late = (10, 40, 5, (800.0, 0.0), (8.0, 0.0))
+    chained, members = linked(history([first, after, elsewhere, back, late]))
+    assert members == {3: (3, 7), 8: (8,), 9: (9,), 10: (10,)}
+    assert chained.scan[chained.tracks.id == 3].tolist() == [*range(10), *range(14, 24)]
+    assert len(chained) == 10 + 10 + 5 + 5 + 5
+
+
+def looks_of(hits: np.ndarray, *, range_m: float = 2500.0) -> Looks:
+    """Looks at ships (s, k)."""
+    n_ships, n = hits.shape
+    which, scan = (index.ravel() for index in np.indices(hits.shape))
+    size = n_ships * n
+    return Looks(
+        which, scan, scan * 2.5, np.full(size, range_m), np.zeros(size), np.zeros((size, 2)), np.full(size, 5.0),
+        np.full(size, 50.0), hits.ravel(), np.zeros(size), np.zeros(size, bool),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("strength", [2.0, 8.0, 50.0])
+def test_ships_that_are_there_are_called_unseen_no_oftener_than_said(strength):
+    rng = np.random.default_rng(5)
+    limit, wrong, trials = 0.01, 0, 400
+    for _ in range(trials):
+        p = rng.beta(0.8 * strength, 0.2 * strength, 9)
+        hits = rng.random((9, 60)) < p[:, None]
+        looks = looks_of(hits)
+        seeing = seeing_of(looks, np.arange(9) > 0)  # the first is the one in question
+        mean = float(np.nanmean(seeing.p_detect(without=0)))
+        scale = 1.0 / seeing.independent
+        wrong += p_so_few(hits[0].sum() * scale, 60 * scale, mean, seeing.spread_of_another(without=0)) < limit
+    assert wrong <= limit * trials + 3.0 * math.sqrt(limit * trials) + 1.0
+
+
+def test_fades_that_last_make_looks_count_for_less():
+    rng = np.random.default_rng(2)
+    quick = rng.random((6, 400)) < 0.5
+    slow = np.repeat(rng.random((6, 50)) < 0.5, 8, axis=1)
+    use = np.ones(2400, bool)
+    assert alike(looks_of(quick), use) < 1.5
+    assert alike(looks_of(slow), use) > 4.0
+    assert alike(looks_of(np.ones((2, 5), bool)), np.ones(10, bool)) == 1.0
+    assert alike(looks_of(quick), np.zeros(2400, bool)) == 1.0
+
+
+def test_more_misses_are_less_likely_and_ships_that_differ_make_them_likelier():
+    few = [p_so_few(0, n, 0.9, 0.1) for n in (1, 3, 10, 40)]
+    assert few == sorted(few, reverse=True)
+    assert p_so_few(0, 1, 0.9, 0.1) == pytest.approx(0.1)
+    assert p_so_few(0, 10, 0.9, 0.3) > p_so_few(0, 10, 0.9, 0.1) > p_so_few(0, 10, 0.9, 1e-6)
+    assert p_so_few(0, 10, 0.9, 1e-6) == pytest.approx(1e-10, rel=1e-2)
+    assert p_so_few(10, 10, 0.9, 0.1) == pytest.approx(1.0)
+    assert p_so_many(0, 10, 0.2, 0.1) == pytest.approx(1.0)
+    assert p_so_many(6.4, 6.4, 0.6, 0.2) > 0.01  # parts of looks never make it impossible
+
+
+def test_ranges_without_other_ships_tell_nothing():
+    seeing = seeing_of(looks_of(np.ones((2, 40), bool)), np.array([True, False]))
+    assert np.isnan(seeing.p_detect(without=0)).all()
+    assert np.isfinite(seeing.p_detect()).sum() == 1
+    assert seeing.spread == 0.3
