@@ -18,6 +18,7 @@ TIMES = (
     "time", "timestamp", "datetime", "basedatetime", "base_date_time",
     "time_utc", "time_s", "time_ms", "time_s_utc_of_day", "epoch", "t",
 )  # fmt: skip
+MOST_LINE = 1 << 20
 DAY_FIRST = re.compile(r"(\d\d)[/.](\d\d)[/.](\d{4})")
 
 
@@ -36,6 +37,8 @@ class Table:
 
 def read_table(data: bytes, *, name: str) -> Table:
     """A table with a line of names on top. Short rows are filled up, empty ones left out."""
+    if endless_line(data):
+        raise InputError(f"{name}: a line of more than {MOST_LINE >> 10} KiB, no table")
     text = data.decode("utf-8-sig", "replace").lstrip()
     separator = separator_of(first_line(text))
     rows: list[list[str]] = []
@@ -54,6 +57,12 @@ def read_table(data: bytes, *, name: str) -> Table:
     for title, column in zip(header, cells, strict=False):
         columns.setdefault(title, column)  # of two columns with one name the first counts
     return Table(name, columns, decimal_comma=separator != ",")
+
+
+def endless_line(data: bytes) -> bool:
+    """Whether a line is longer than any of a table: its cells would take fifty times its memory."""
+    starts = range(0, len(data) - MOST_LINE, MOST_LINE)
+    return any(data.find(b"\n", at, at + MOST_LINE) < 0 and data.find(b"\r", at, at + MOST_LINE) < 0 for at in starts)
 
 
 def first_line(text: str) -> str:

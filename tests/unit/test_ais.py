@@ -175,6 +175,7 @@ def test_length_and_width_are_the_first_that_a_ship_tells():
         (b"time,mmsi,lat,lon\n", "no report"),
         (b"time,mmsi,lat,lon\n1,2,99,3\n", "no report"),
         (b"time,mmsi,lat,lon\n" + b"x" * 200_000, "line 2: field larger"),
+        (b"time,mmsi,lat,lon\n" + b"1,2,50,1," * 500_000, "a line of more than 1024 KiB"),
     ],
 )
 def test_a_table_that_is_none_is_an_error_of_one_line(data, message):
