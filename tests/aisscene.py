@@ -26,7 +26,7 @@ def way(ship: tuple[float, float, float, float], t_s: np.ndarray) -> np.ndarray:
     return np.array([east, north]) + np.outer(t_s * speed, ahead)
 
 
-def record(folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4) -> Path:
+def record(folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4, start_s: float = T0) -> Path:
     """The archive of a run of that scene."""
     rng = np.random.default_rng(seed)
     scans = []
@@ -35,7 +35,7 @@ def record(folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4) 
         seen = [way(s, np.array([t_s]))[0] + rng.normal(0, 8, 2) for s in SHIPS.values() if rng.random() < p_detect]
         noise = rng.uniform(-4000, 4000, (clutter, 2))
         points = np.concatenate([np.array(seen).reshape(-1, 2), noise])
-        scans.append({"time_s": T0 + t_s, "points": np.round(points, 2).tolist()})
+        scans.append({"time_s": start_s + t_s, "points": np.round(points, 2).tolist()})
     document = {
         "format": "maritrack-points/1", "frame": "enu", "origin": {"lat_deg": HERE.lat_deg, "lon_deg": HERE.lon_deg},
         "sensors": {"radar": {"sigma_m": 8.0}}, "scans": scans,

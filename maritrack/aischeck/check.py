@@ -23,12 +23,14 @@ from maritrack.errors import UsageError
 from maritrack.io.ais import read_ais
 from maritrack.io.archive import Archive, iter_results, read_archive
 from maritrack.io.documents import read_document
-from maritrack.io.reference import only
+from maritrack.io.reference import Reference, only
+from maritrack.io.times import day_start_ns
 from maritrack.io.truth import document_kind, read_reference
 from maritrack.retrospect import History, gather, judged
 from maritrack.settings import Config, parse_ids, parse_lags
 from maritrack.types import CONFIRMED, BoolArray, Damage, FloatArray, Origin
 
+YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
 NEAR_M = 5000.0  # beyond what the radar sees: a ship may come in between two reports
 
 
@@ -78,11 +80,11 @@ def check_ais(
     """
     archive = read_archive(path)
     config = config_from_toml(archive.config_toml)
-    config = replace(config, input=replace(config.input, date=date or config.input.date))
     damage: list[Damage] = []
     history, sensor_m, cell_m, reach_m, start_ns = _history(archive, damage)
     noise = Noise(math.radians(options.azimuth_sigma_deg), cell_m / 2)
-    told, leaps, wrong = _ships(ais, archive, config, options, start_ns)
+    day = date or config.input.date or (day_of(start_ns) if start_ns > YEAR_NS else "")
+    told, leaps, wrong = _ships(ais, archive, config, options, start_ns, day)
     ships = [ship for ship in told if comes_near(ship, sensor_m, reach_m + NEAR_M)]
     ships = _with_known_lags(ships, lags, config)
     history, members = linked(history)
@@ -137,20 +139,35 @@ def _history(archive: Archive, damage: list[Damage]) -> tuple[History, FloatArra
 
 
 def _ships(
-    ais: Path, archive: Archive, config: Config, options: Options, start_ns: int
+    ais: Path, archive: Archive, config: Config, options: Options, start_ns: int, date: str
 ) -> tuple[list[Ship], list[Jump], tuple[Damage, ...]]:
-    data, date, origin = read_document(ais), config.input.date, archive.manifest.origin
+    """The ships, their leaps and what was left out. A run without a date is of `date`, or of the first report's day."""
+    data, origin = read_document(ais), archive.manifest.origin
     gaps = {"max_gap_moving_s": config.score.max_gap_moving_s, "max_gap_rest_s": config.score.max_gap_rest_s}
     if document_kind(data, name=str(ais)) != "ais":
         reference = only(read_reference(data, name=str(ais), origin=origin, date=date), parse_ids(options.ids))
-        return ships_of(reference, start_ns, **gaps), [], reference.damage
+        return ships_of(reference, since(reference, start_ns, date), **gaps), [], reference.damage
     if origin is None:
         raise UsageError(f"{archive.path}: the run knows no place on the globe", hint="process it with --position")
     document = read_ais(data, name=str(ais), date=date, origin=origin, own_ship=options.own_ship or None)
     reference = only(document.reference, parse_ids(options.ids))
-    ships = ships_of(reference, start_ns, **gaps)
-    leaps = [jump for jump in jumps(ships, document.implausible, start_ns) if jump.id in reference.ids]
+    zero_ns = since(reference, start_ns, date)
+    ships = ships_of(reference, zero_ns, **gaps)
+    leaps = [jump for jump in jumps(ships, document.implausible, zero_ns) if jump.id in reference.ids]
+    leaps = [replace(jump, t_ns=jump.t_ns - zero_ns + start_ns) for jump in leaps]
     return ships, leaps, reference.damage
+
+
+def since(reference: Reference, start_ns: int, date: str) -> int:
+    """When the run began, by the clock of the reports: one of the two may know the date, and the other not."""
+    if start_ns > YEAR_NS or len(reference.t_ns) == 0 or reference.t_ns.min() < YEAR_NS:
+        return start_ns
+    return start_ns + day_start_ns(date or day_of(int(reference.t_ns.min())), name="the run")
+
+
+def day_of(t_ns: int) -> str:
+    """The day of a time, as in 2016-01-12."""
+    return str(np.datetime64(t_ns, "ns").astype("datetime64[D]"))
 
 
 def _with_known_lags(ships: Sequence[Ship], lags: Sequence[str], config: Config) -> list[Ship]:

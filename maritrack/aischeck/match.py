@@ -6,6 +6,7 @@ alone changes nothing; of all pairs within the gate the assignment with the leas
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +118,9 @@ def _lag_s(rows: TrackRows, ship: Ship, noise: Noise, max_lag_s: float) -> float
     )
     none = _gain(rows, i, distances(rows, i, ship, noise, lag_s=0.0)[1])
     best = int(np.argmax(gain))
-    if gain[best] - none < LAG_GAIN or abs(lags[best]) < LAG_LEAST_S:
+    way = np.hypot(*np.diff(ship.position_m, axis=0).T) / np.maximum(np.diff(ship.t_s), 1e-3)
+    far = abs(float(lags[best])) * float(np.median(way[fast]))  # less than this is where on the hull the echo lies
+    if gain[best] - none < LAG_GAIN or abs(lags[best]) < LAG_LEAST_S or far < 3.0 * math.hypot(ship.hull_m, GNSS_M):
         return 0.0
     return float(lags[best])
 

@@ -171,3 +171,19 @@ def test_the_two_large_ships_of_the_solent_are_confirmed(tmp_path):
         assert said[ship].matched > 200
     assert 30.0 < said["210574000"].lag_s < 60.0
     assert not [one for one in check.verdicts if one.verdict in (UNSEEN, DISPLACED)]
+
+
+@pytest.mark.parametrize("dated", ["run", "ais"])
+def test_a_date_that_one_of_the_two_does_not_know_is_taken_from_the_other(tmp_path, dated):
+    day = 1_452_556_800
+    path = ais(tmp_path, ghost=True)
+    if dated == "run":
+        rows = path.read_text().splitlines()
+        rows[1:] = [f"{float(row.split(',')[0]) - day},{row.split(',', 1)[1]}" for row in rows[1:]]
+        path.write_text("\n".join(rows) + "\n")
+        run = record(tmp_path, 3)
+    else:
+        run = record(tmp_path, 3, start_s=1_452_603_600 - day)
+    check = check_ais(run / "run.mcap", path, Options())
+    assert {row["kind"] for row in finding_rows(check)} == {UNSEEN}
+    assert len(check.verdicts) == len(SHIPS) + 1
