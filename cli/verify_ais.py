@@ -22,7 +22,8 @@ by covariances; transponders may be late). A ship is then
   that are seen at its range, which differ from each other;
 - undecided, and why: too few looks, land or clutter beside it, land before it (--coast), no ship to compare with.
 
-Findings are ships that are unseen or displaced, moving tracks that no ship of AIS explains, positions or courses
+Findings are ships that are unseen or displaced, moving tracks that no ship of AIS explains (those that keep the
+range of a confirmed ship are its side lobes, and are listed apart), positions or courses
 beyond 3 sigma of their track's, leaps in AIS, and reports that are 10 s late or more (along a straight course late
 is the same as displaced). Calibrate the radar first: --azimuth-sigma is what is left of its offset.
 
@@ -110,6 +111,13 @@ def _tell(told: dict[str, Any], outputs: dict[str, str]) -> None:
     ]  # fmt: skip
     header = ("ship", "verdict", "why", "km", "echoes", "P if there", "P by chance", "matched", "sigmas off", "lag s")
     render.table("ships", header, rows, text_columns=3)
+    lobes = [
+        (f"track {t['track']}", t["side_lobe_of"], str(t["scans"]))
+        for t in told["tracks_without_ais"] if t["side_lobe_of"]
+    ]  # fmt: skip
+    render.table(
+        "at the range of a ship all the time: its side lobes?", ("track", "ship", "scans"), lobes, text_columns=2
+    )
     rings = [
         (f"{r['from_m'] / 1e3:g}-{r['to_m'] / 1e3:g}", str(r["ships"]), f"{r['hits']}/{r['looks']}",
          render.number(r["p_detect"]), f"{r['low']:.2f}-{r['high']:.2f}")

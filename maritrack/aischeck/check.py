@@ -109,7 +109,7 @@ def check_ais(
     )  # now with those at rest, and far off
     said = verdicts(ships, rows, moving, matching, looks, seeing, astray, noise, options.rules)
     taken = {one.displaced.track for one in said if one.displaced is not None}
-    alone = strangers(rows, moving, ships, matching, noise, taken, config.smooth.min_hits)
+    alone = strangers(rows, moving, ships, matched, matching, noise, taken, config.smooth.min_hits)
     azimuth, sigma = _azimuth(rows, ships, matching.ship, matched)
     return Check(
         archive.manifest.run_id, archive.manifest.origin, start_ns, len(sensor_m), said, alone,

@@ -47,7 +47,9 @@ def draw(check: Check, told: dict[str, Any], path: Path) -> None:
             place = np.array(one.place_m)
             line = np.stack([place, place + one.displaced.offset_m])
             drawn.append(Shape("displaced", f"track {one.displaced.track}", line))
-    drawn += [Shape("track without AIS", f"track {one.track}", track_way(check, one.track)) for one in check.strangers]
+    for alone in check.strangers:
+        kind = "undecided" if alone.lobe_of else "track without AIS"
+        drawn.append(Shape(kind, f"track {alone.track}", track_way(check, alone.track)))
     drawn += [Shape("leap", one.id, np.array([one.position_m])) for one in check.jumps]
     rows = check.rows
     at = rows.position_m - rows.range_m[:, None] * np.stack([np.sin(rows.azimuth_rad), np.cos(rows.azimuth_rad)], -1)

@@ -48,7 +48,11 @@ def finding_rows(check: Check) -> list[dict[str, Any]]:
             rows.append({"kind": "course", **base, "what": what})
         if abs(one.lag_s) >= LATE_S:
             rows.append({"kind": "late", **base, "what": f"its reports are late by {one.lag_s:.0f} s"})
-    rows += [{"kind": "no-ais", "track": one.track, "what": _stranger_words(one)} for one in check.strangers]
+    rows += [
+        {"kind": "no-ais", "track": one.track, "what": _stranger_words(one)}
+        for one in check.strangers
+        if not one.lobe_of
+    ]
     names = {ship.id: ship.name for ship in check.ships}
     for jump in check.jumps:
         how = "and back" if jump.what == "single" else "and stays"
@@ -199,7 +203,7 @@ def _stranger(check: Check, one: Stranger) -> dict[str, Any]:
         "track": one.track, "tracks": list(check.members.get(one.track, (one.track,))), "scans": one.scans,
         "from": _clock(first_ns), "to": _clock(last_ns),
         "speed_kn": one.speed_mps * KNOTS, "course_deg": math.degrees(one.course_rad), "range_min_m": one.range_m[0],
-        "range_max_m": one.range_m[1], **_place(check, one.to_m),
+        "range_max_m": one.range_m[1], "side_lobe_of": one.lobe_of or None, **_place(check, one.to_m),
     }  # fmt: skip
 
 

@@ -12,11 +12,13 @@ from maritrack.aischeck.judge import Displacement
 from maritrack.aischeck.looks import gate_m
 from maritrack.aischeck.match import FORGOTTEN_M, Matching, Noise, TrackRows, position_noise
 from maritrack.aischeck.ships import Ship
+from maritrack.geo import en_to_polar, polar_to_en, wrap
 from maritrack.types import BoolArray, FloatArray, IntArray
 
 LEAST_SCANS, LEAST_S, LEAST_SHARE = 12, 45.0, 0.4  # that a track and a ship go alike
 UNDER_WAY_MPS = 1.5
 SIGMAS = 3.0
+LEAST_RANGE_M, WIDEST_LOBE_RAD = 10.0, np.pi / 3  # of a radar without cells; tens of degrees
 UNTOLD_S = 180.0  # a ship that did not report for so long may still be near
 
 
@@ -33,6 +35,7 @@ class Stranger:
     speed_mps: float
     course_rad: float
     range_m: tuple[float, float]
+    lobe_of: str = ""  # id of the ship whose side lobes it seems to be
 
 
 def displacements(
@@ -92,8 +95,8 @@ def _alike(
 
 
 def strangers(
-    rows: TrackRows, moving: BoolArray, ships: Sequence[Ship], matching: Matching, noise: Noise, taken: set[int],
-    least_hits: int,
+    rows: TrackRows, moving: BoolArray, ships: Sequence[Ship], matched: BoolArray, matching: Matching, noise: Noise,
+    taken: set[int], least_hits: int,
 ) -> list[Stranger]:  # fmt: skip
     """Moving tracks that are no ship of AIS, nor near one that is known or was a while ago. `taken` are displaced."""
     found = []
@@ -113,9 +116,31 @@ def strangers(
                 int(track), len(j), float(rows.t_s[j[0]]), float(rows.t_s[j[-1]]), _pair(rows.position_m[j[0]]),
                 _pair(rows.position_m[j[-1]]), speed, course,
                 (float(rows.range_m[j].min()), float(rows.range_m[j].max())),
+                side_lobe_of(rows, j, [ship for ship, sure in zip(ships, matched, strict=True) if sure], noise),
             )
         )  # fmt: skip
     return found
+
+
+def side_lobe_of(rows: TrackRows, i: IntArray, ships: Sequence[Ship], noise: Noise) -> str:
+    """The ship whose range the rows `i` of a track keep while it changes, at another azimuth; "" = none.
+
+    A strong echo comes in through the side lobes of the antenna too: at the same range, tens of degrees beside it.
+    """
+    near_m = 2.0 * max(noise.range_m, LEAST_RANGE_M)
+    if np.ptp(rows.range_m[i]) < 4.0 * near_m:
+        return ""
+    radar_m = rows.position_m[i] - polar_to_en(rows.range_m[i], rows.azimuth_rad[i])
+    for ship in ships:
+        at, _, known = ship.at(rows.t_s[i])
+        if known.sum() < 0.8 * len(i):
+            continue
+        range_m, azimuth = en_to_polar(at[known] - radar_m[known])
+        beside = np.abs(wrap(azimuth - rows.azimuth_rad[i][known]))
+        off_m = float(np.sqrt(np.mean((range_m - rows.range_m[i][known]) ** 2)))
+        if off_m < near_m and float(np.median(beside)) < WIDEST_LOBE_RAD:
+            return ship.id
+    return ""
 
 
 def near_a_ship(rows: TrackRows, i: IntArray, ships: Sequence[Ship], noise: Noise) -> BoolArray:

@@ -15,9 +15,10 @@ from numpy.testing import assert_allclose
 from maritrack.aischeck.chains import linked
 from maritrack.aischeck.coast import hidden, read_coast
 from maritrack.aischeck.looks import Looks, beam_s
-from maritrack.aischeck.match import GATE, around, best_pairs
+from maritrack.aischeck.match import GATE, Noise, TrackRows, around, best_pairs
 from maritrack.aischeck.seeing import alike, p_so_few, p_so_many, seeing_of
 from maritrack.aischeck.ships import Ship, comes_near, jumps, steps_m
+from maritrack.aischeck.strangers import side_lobe_of
 from maritrack.errors import InputError
 from maritrack.geo import en_to_geodetic
 from maritrack.io.ais import none_implausible
@@ -208,3 +209,23 @@ def test_ranges_without_other_ships_tell_nothing():
     assert np.isnan(seeing.p_detect(without=0)).all()
     assert np.isfinite(seeing.p_detect()).sum() == 1
     assert seeing.spread == 0.3
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "farther_m", "lobe"), [(25.0, 0.0, "1"), (-40.0, 20.0, "1"), (100.0, 0.0, ""), (25.0, 150.0, "")]
+)
+def test_a_track_that_keeps_the_range_of_a_ship_is_its_side_lobe(turned_deg, farther_m, lobe):
+    t_s = np.arange(0.0, 150.0, 2.5)
+    way = np.stack([6.0 * t_s - 400.0, np.full(len(t_s), 300.0)], axis=-1)
+    told_s = np.arange(-10.0, 200.0, 10.0)
+    loud = ship(told_s, np.stack([6.0 * told_s - 400.0, np.full(21, 300.0)], axis=-1))
+    range_m, azimuth = np.hypot(*way.T) + farther_m, np.arctan2(way[:, 0], way[:, 1]) + np.radians(turned_deg)
+    n = len(t_s)
+    rows = TrackRows(
+        np.arange(n), np.full(n, 7), t_s, np.stack([range_m * np.sin(azimuth), range_m * np.cos(azimuth)], -1),
+        np.zeros((n, 2)), np.zeros((n, 4, 4)), np.ones(n, bool), range_m, azimuth,
+    )  # fmt: skip
+    noise = Noise(0.01, 22.0)
+    assert side_lobe_of(rows, np.arange(n), [loud], noise) == lobe
+    assert side_lobe_of(rows, np.arange(n), [], noise) == ""
+    assert side_lobe_of(rows, np.arange(3), [loud], noise) == ""  # so short a way shows nothing
