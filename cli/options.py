@@ -38,7 +38,7 @@ Sets = Annotated[list[str] | None, method("--set", "One setting: KEY=VALUE, e.g.
 Seed = Annotated[int | None, method("--seed", "Seed of all randomness.")]
 Truth = Annotated[Path | None, given("--truth", "AIS (NMEA, CSV, .mat), points document or Autoferry; also gzip, ZIP.")]
 TruthMatch = Annotated[str, given("--truth-match", "MMSI,...: these ships of the truth alone.")]
-OwnShip = Annotated[Path | None, given("--own-ship", "AIS (CSV) of the ship that carries it.")]
+OwnShip = Annotated[Path | None, given("--own-ship", "AIS or NMEA of the ship that carries it.")]
 Position = Annotated[str, given("--position", "LAT,LON of a fixed radar, degrees.")]
 Date = Annotated[str, given("--date", "Day of recordings that tell the time of day only: YYYY-MM-DD.")]
 Stabilised = Annotated[str, given("--stabilised", "Azimuths count from north or from the head.")]

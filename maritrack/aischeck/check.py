@@ -101,7 +101,7 @@ def check_ais(
     looks = look(again, ships, noise, start_ns=start_ns, roi_m=roi, hidden_by=rings)
     matched = matched_ships(len(ships), looks, rows, matching, moving)
     seeing = seeing_of(looks, matched)
-    astray = displacements(rows, moving, ships, matched, matching, noise, options.max_offset_m)
+    astray = displacements(rows, ships, matched, matching, noise, options.max_offset_m)
     said = verdicts(ships, rows, moving, matching, looks, seeing, astray, noise, options.rules)
     sure = {one.id for one in said if one.verdict in (SEEN, ECHO)}
     seeing = seeing_of(

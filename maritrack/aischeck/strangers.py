@@ -16,9 +16,11 @@ from maritrack.geo import en_to_polar, polar_to_en, wrap
 from maritrack.types import BoolArray, FloatArray, IntArray
 
 LEAST_SCANS, LEAST_S, LEAST_SHARE = 12, 45.0, 0.4  # that a track and a ship go alike
+LEAST_WAY_M, LEAST_WAY = 150.0, 8.0  # that the ship made meanwhile, and in spreads of the distance between them
 UNDER_WAY_MPS = 1.5
 SIGMAS = 3.0
-LEAST_RANGE_M, WIDEST_LOBE_RAD = 10.0, np.pi / 3  # of a radar without cells; tens of degrees
+LEAST_RANGE_M = 10.0  # of ranges of a radar without cells
+LOBE_RAD = (np.pi / 18, np.pi / 3)  # side lobes that make tracks of their own are so far beside; an escort is nearer
 UNTOLD_S = 180.0  # a ship that did not report for so long may still be near
 
 
@@ -39,22 +41,22 @@ class Stranger:
 
 
 def displacements(
-    rows: TrackRows, moving: BoolArray, ships: Sequence[Ship], matched: BoolArray, matching: Matching, noise: Noise,
-    reach_m: float,
+    rows: TrackRows, ships: Sequence[Ship], matched: BoolArray, matching: Matching, noise: Noise, reach_m: float
 ) -> list[Displacement | None]:  # fmt: skip
-    """For each ship that no track confirms, the moving track without a ship that goes as it does, if there is one.
+    """For each ship that no track confirms, the track without a ship that goes as it does, if there is one.
 
-    Alike are a way in parallel, at a distance that stays, with the velocity that is told, for most of the time of
-    both. A convoy of a ship that the radar misses and one that tells no AIS looks the same.
+    Alike are ways in parallel, at a distance that stays while the ship makes way, for most of the time of both: that
+    the track moves need not be known besides. A convoy of a ship that the radar misses and one that tells no AIS looks
+    the same.
     """
-    free = [int(i) for i in np.unique(rows.id[moving]).tolist() if _free(rows.id == i, matching)]
+    free = [int(i) for i in np.unique(rows.id).tolist() if _free(rows.id == i, matching)]
     left = [s for s in range(len(ships)) if not matched[s]]
     cost = np.full((len(left), len(free)), 1e3)
     scans = len(np.unique(rows.scan))
     found: dict[tuple[int, int], Displacement] = {}
     for a, s in enumerate(left):
         for b, track in enumerate(free):
-            told = _alike(rows, np.flatnonzero((rows.id == track) & moving), ships[s], noise, reach_m, scans)
+            told = _alike(rows, np.flatnonzero(rows.id == track), ships[s], noise, reach_m, scans)
             if told is not None:
                 found[a, b], cost[a, b] = Displacement(track, *told[:-1]), told[-1]
     result: list[Displacement | None] = [None] * len(ships)
@@ -84,10 +86,8 @@ def _alike(
     noise_m = position_noise(rows, i[use], ship, velocity[use], noise)
     sigma = float(np.sqrt(np.trace(noise_m, axis1=1, axis2=2).mean() / 2))
     spread = float(np.sqrt(((offset - mean) ** 2).sum(axis=1).mean() / 2))
-    apart = rows.velocity_mps[i][use] - velocity[use]
-    wrong = float(np.hypot(*apart.mean(axis=0)))
-    told = np.sqrt(np.trace(rows.cov[i][use][:, 2:, 2:], axis1=1, axis2=2).mean() / 2)
-    if far > reach_m or far < SIGMAS * sigma or spread > 1.5 * sigma or wrong > max(2.0 * float(told), 1.0):
+    way = float(np.hypot(*(at[use][-1] - at[use][0])))
+    if far > reach_m or far < SIGMAS * sigma or spread > 1.5 * sigma or way < max(LEAST_WAY_M, LEAST_WAY * spread):
         return None
     missing = 1.0 - float(use.sum()) / max(scans, 1)  # of two that go alike the one that does for longer
     cost = spread / sigma + far / reach_m + missing
@@ -138,7 +138,7 @@ def side_lobe_of(rows: TrackRows, i: IntArray, ships: Sequence[Ship], noise: Noi
         range_m, azimuth = en_to_polar(at[known] - radar_m[known])
         beside = np.abs(wrap(azimuth - rows.azimuth_rad[i][known]))
         off_m = float(np.sqrt(np.mean((range_m - rows.range_m[i][known]) ** 2)))
-        if off_m < near_m and float(np.median(beside)) < WIDEST_LOBE_RAD:
+        if off_m < near_m and LOBE_RAD[0] < float(np.median(beside)) < LOBE_RAD[1]:
             return ship.id
     return ""
 

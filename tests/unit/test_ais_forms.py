@@ -163,6 +163,23 @@ def test_truth_match_reaches_the_run_and_the_score(tmp_path):
     assert "no ship 5 in the truth" in wrong.err
 
 
+def test_a_run_takes_sentences_in_gzip_as_its_truth(tmp_path):
+    import gzip
+
+    from tests.io.test_aivdm import document, position, tagged
+
+    points = {"format": "maritrack-points/1", "frame": "enu", "origin": {"lat_deg": 50.7, "lon_deg": -1.1}, "scans": [
+        {"time_s": T0 + i, "points": [[5.0 * i, 0.0]]} for i in range(8)]}  # fmt: skip
+    (tmp_path / "r.json").write_text(json.dumps(points))
+    lines = [line for i in (0, 8) for line in tagged(position(235000001, T0 + i, lon=-1.1 + 9e-6 * i), T0 + i)]
+    (tmp_path / "ais.nmea.gz").write_bytes(gzip.compress(document(*lines, "!AIVDM,1,1,,A,15,0*00")))
+    done = call("process", tmp_path / "r.json", "--truth", tmp_path / "ais.nmea.gz", "-o", tmp_path / "o", "--json")
+    assert done.json["metrics"]["n_truth"] == 1.0
+    assert done.json["counts"]["warnings"] == {"truth-bad-checksum": 1}
+    again = call("replay", tmp_path / "o", "--verify")
+    assert again.code == 0
+
+
 def test_ids_are_a_list_with_commas():
     assert parse_ids("a, b,,a") == ("a", "b")
     assert ScoreConfig(truth_match="").truth_match == ""

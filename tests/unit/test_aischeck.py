@@ -159,6 +159,29 @@ def test_ais_of_another_day_is_said_to_be_so(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_in_a_harbour_with_land_and_sea_what_was_made_wrong_is_found_and_nothing_else(tmp_path, seed):
+    call("simulate", "harbour", "-o", tmp_path / "r.cat240", "--seed", seed, "--scans", 60)
+    call("process", tmp_path / "r.cat240", "-o", tmp_path, "--no-rrd", "-q")
+    rows = (tmp_path / "r.ais.csv").read_text().splitlines()
+    names = rows[0].split(",")
+    ship, north = names.index("id"), names.index("lat_deg")
+
+    def told(moved: str, gone: str) -> set[tuple[str, str | None]]:
+        kept = [row.split(",") for row in rows if row.split(",")[ship] != gone]
+        for row in kept:
+            if row[ship] == moved:
+                row[north] = f"{float(row[north]) + 500.0 / 111_200.0:.7f}"
+        (tmp_path / "m.csv").write_text("\n".join(",".join(row) for row in kept) + "\n")
+        check = check_ais(tmp_path / "run.mcap", tmp_path / "m.csv", Options())
+        return {(row["kind"], row.get("ship")) for row in finding_rows(check)}
+
+    assert told("", "") == set()
+    for moved, gone in (("ferry", "tug"), ("coaster", "boat-2"), ("boat-1", "tug")):
+        assert told(moved, gone) == {(DISPLACED, moved), ("no-ais", None)}
+
+
+@pytest.mark.slow
 def test_the_two_large_ships_of_the_solent_are_confirmed(tmp_path):
     recording = shared("data/marce_solent/run_01_005/solent_01_005.cat240")
     table = shared("data/marce_solent/run_01_005/ais_tracks.csv")

@@ -212,7 +212,8 @@ def test_ranges_without_other_ships_tell_nothing():
 
 
 @pytest.mark.parametrize(
-    ("turned_deg", "farther_m", "lobe"), [(25.0, 0.0, "1"), (-40.0, 20.0, "1"), (100.0, 0.0, ""), (25.0, 150.0, "")]
+    ("turned_deg", "farther_m", "lobe"),
+    [(25.0, 0.0, "1"), (-40.0, 20.0, "1"), (100.0, 0.0, ""), (25.0, 150.0, ""), (4.0, 0.0, "")],
 )
 def test_a_track_that_keeps_the_range_of_a_ship_is_its_side_lobe(turned_deg, farther_m, lobe):
     t_s = np.arange(0.0, 150.0, 2.5)
