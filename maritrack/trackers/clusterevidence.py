@@ -39,7 +39,6 @@ class ClusterEvidence:
     scan: Scan
     points: Points
     clusters: Clusters
-    n_left_out: int
     n_inexact: int = 0
 
     @property
@@ -56,6 +55,13 @@ class ClusterEvidence:
     def n_cut(self) -> int:
         """Pairs in the gate that were not considered."""
         return self.sight.n_cut
+
+    @property
+    def n_left_out(self) -> int:
+        """Clusters in no row's gate for which there was no room."""
+        kept_out = self.may_start == 0
+        kept_out[self.j] = False
+        return int(np.count_nonzero(kept_out))
 
     def free(self) -> IntArray:
         """Clusters in no row's gate that may be new objects."""
@@ -188,5 +194,5 @@ def look(
         sight=sight, before=ours, missed=replace(ours, tracks=gone), log_miss=log_miss, i=pairs.i[:first],
         j=pairs.j[:first], log_hit=log_w[:first], log_u=log_u, log_new=np.logaddexp(0.0, log_u), donor=donor,
         may_start=may_start, poisson=replace(theirs, tracks=replace(theirs.tracks, existence=mu)), config=config,
-        scan=scan, points=points, clusters=clusters, n_left_out=max(c - room, 0),
+        scan=scan, points=points, clusters=clusters,
     )  # fmt: skip

@@ -54,7 +54,6 @@ class PointEvidence:
     may_start: BoolArray  # (c,)
     n_cut: int = 0
     n_inexact: int = 0
-    n_left_out: int = 0
     log_u: dict[int, float] = field(default_factory=dict)  # of cells that may be new
     source: dict[int, int] = field(default_factory=dict)
 
@@ -62,6 +61,13 @@ class PointEvidence:
     def log_kappa(self) -> float:
         """Log of the density of clutter points."""
         return math.log(self.config.model.clutter_density_per_m2)
+
+    @property
+    def n_left_out(self) -> int:
+        """Cells in no row's gate for which there was no room."""
+        kept_out = ~self.may_start
+        kept_out[self.j] = False
+        return int(np.count_nonzero(kept_out))
 
     def free(self) -> IntArray:
         """Cells in no row's gate that may be new objects."""
@@ -241,7 +247,6 @@ def look(
         fits=Fits(model, before, cells, scan.position_m, 1), born=born, clock_back=back,
         rng_key=(8, k), poisson=left, may_start=may_start,
     )  # fmt: skip
-    evidence.n_left_out = int(np.count_nonzero(~may_start))
     least = math.log(rules.prune_existence) if rules.prune_existence > 0 else -math.inf
     hopeful = np.flatnonzero(born.bound(cells, c, evidence.log_kappa, config) > least).tolist()
     if rules.association == "stochastic":  # what the groups will ask for, all at once

@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.associate.murty import k_best
+from maritrack.cluster.stage import cluster_points
 from maritrack.trackers import TRACKERS
 from maritrack.trackers.hypotheses import Factor, probability, product, tidy
 from maritrack.types import FloatArray
-from tests.unit.scans import plain_config, step
+from tests.unit.scans import plain_config, scan_of, step
 
 ALL = ("pmbm.prune_hypothesis=0", "pmbm.prune_existence=0", "pmbm.most_hypotheses=100000", "pmbm.most_children=100000",
        "pmbm.group_limit=1000", "pmbm.most_in_scan=1000000", "tracker.delete_existence=0")  # fmt: skip
@@ -207,3 +208,58 @@ def test_equal_hypotheses_are_one_and_a_track_that_is_the_same_in_all_is_on_its_
     np.testing.assert_allclose(np.exp(factor.log_w), [2 / 3, 1 / 3])
     assert factor.row.tolist() == [[1], [2]]
     assert tidy(log_w, row, least=0.01, most=1) == ([5, 1], None)
+
+
+def crowd(seed: int, n: int, spread_m: float, scans: int) -> list[FloatArray]:
+    """Objects that stay, so near each other that the gates of all overlap."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(-spread_m, spread_m, (n, 2))
+    return [at + rng.normal(0, 5.0, at.shape) for _ in range(scans)]
+
+
+def test_hypotheses_of_a_crowd_keep_to_their_limits() -> None:
+    config = plain_config(
+        "giw-pmbm", "pmbm.most_hypotheses=30", "pmbm.most_in_scan=200", "pmbm.group_limit=1000",
+        "pmbm.prune_hypothesis=0.0", "pmbm.prune_existence=1e-3",
+    )  # fmt: skip
+    _, state = run(config, crowd(0, 25, 250.0, 6))
+    assert state.factors
+    assert max(len(f.log_w) for f in state.factors) <= 30
+    rows = [f.row[f.row >= 0] for f in state.factors]
+    assert np.concatenate(rows).max() < len(state.rows)
+    for factor in state.factors:
+        assert np.exp(factor.log_w).sum() == pytest.approx(1.0)
+        assert (np.diff(factor.log_w) <= 1e-12).all()
+        labels = [{int(state.rows.tracks.id[r]) for r in column if r >= 0} for column in factor.row.T]
+        assert all(len(one) <= 1 for one in labels), "a column is one track"
+
+
+def test_a_group_beyond_the_limit_is_merged_and_has_the_marginals_of_jipda() -> None:
+    same = ("tracker.birth_existence=0.1", "tracker.delete_existence=0.01", "pmbm.prune_existence=0.01")
+    scans = crowd(1, 12, 100.0, 4)
+    _, state = run(plain_config("giw-pmbm", *same, "pmbm.group_limit=1"), scans)
+    _, merged = run(plain_config("giw-pmbm", *same, "pmbm.hypotheses=merged"), scans)
+    assert not state.factors and not merged.factors
+    np.testing.assert_allclose(state.rows.tracks.existence, merged.rows.tracks.existence, rtol=1e-9)
+    np.testing.assert_allclose(state.rows.tracks.density.x, merged.rows.tracks.density.x, atol=1e-9)
+
+
+def test_rows_of_a_track_that_are_alike_become_one_and_their_weights_add_up() -> None:
+    sets = (*ALL[:-1], "tracker.delete_existence=0", "model.clutter_density_per_m2=1e-4", "tracker.birth_existence=0.3")
+    scans = [np.array([[0.0, 0.0], [7.0, 0.0]])] * 3
+    apart, before = run(plain_config("giw-pmbm", *sets), scans)
+    alike, after = run(plain_config("giw-pmbm", *sets, "pmbm.merge_distance2=4.0"), scans)
+    assert len(after.rows) < len(before.rows)
+    assert set(alike.id.tolist()) <= set(apart.id.tolist())
+    assert alike.existence.sum() == pytest.approx(apart.existence.sum(), rel=0.05)
+
+
+def test_a_scan_without_room_for_new_tracks_starts_none_and_says_so() -> None:
+    config = plain_config("giw-pmbm", "tracker.max_tracks=2")
+    tracker = TRACKERS["giw-pmbm"](config)
+    state, info = tracker.init(), None
+    for k in range(2):
+        scan, points = scan_of(np.array([[0.0, 0.0], [900.0, 0.0], [1800.0, 0.0]]), 2.0 * k)
+        clusters = cluster_points(points, scan, config.cluster, config.input)
+        state, info = tracker.update(state, scan, points, clusters)
+    assert len(state.rows) == 2 and info is not None and info.n_left_out == 1
