@@ -111,7 +111,7 @@ def sources(
         mu = np.full(len(at), b * 2.0 * math.pi * rules.birth_sigma_m**2)
     m = len(at)
     blank = bernoullis.nothing(model.states)
-    tracks = _blank_tracks(m, scan.t_ns, mu)
+    tracks = blank_tracks(m, scan.t_ns, mu)
     rows = Bernoullis(
         tracks, np.tile([rules.rate_shape, rules.rate_scale], (m, 1)), np.zeros((m, blank.x.shape[1])),
         np.zeros((m, *blank.P.shape[1:])),
@@ -126,7 +126,8 @@ def sources(
     return Sources(rows, fits, home, m)
 
 
-def _blank_tracks(m: int, t_ns: int, mu: FloatArray) -> tracklist.TrackList:
+def blank_tracks(m: int, t_ns: int, mu: FloatArray) -> tracklist.TrackList:
+    """A list of m tracks that has nothing of a past, with mu (m,) as their existence."""
     none = np.zeros(m, np.int64)
     return replace(
         tracklist.empty(), t_ns=np.full(m, t_ns), existence=mu, id=none, hits=none, misses=none,

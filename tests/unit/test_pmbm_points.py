@@ -13,6 +13,7 @@ import pytest
 from maritrack import geo
 from maritrack.associate import sampling
 from maritrack.chain import build_chain, process
+from maritrack.cluster.stage import cluster_points
 from maritrack.config import load_config
 from maritrack.errors import ConfigError
 from maritrack.objects import iekf, rate
@@ -22,7 +23,7 @@ from maritrack.trackers import bernoullis, pointevidence, pointsearch, undetecte
 from maritrack.trackers.bernoullis import Bernoullis
 from maritrack.trackers.pmbm import PmbmState
 from maritrack.trackers.pointmodels import HullModel, MatrixModel, PointModel, Sets
-from maritrack.trackers.sources import _blank_tracks
+from maritrack.trackers.sources import blank_tracks
 from maritrack.types import CONFIRMED, FloatArray, Frame, IntArray, Points, Scan, Sensor, Tracks
 from tests.laws.test_contour_laws import hulls, points_on
 
@@ -53,7 +54,7 @@ def scan_of(z: Any, k: int) -> Scan:
 def rows_of(model: PointModel, x: FloatArray, P: FloatArray, existence: float = 0.9) -> Bernoullis:
     """Hulls as rows with ten points expected, or ellipses of 4 x 2 m where the state has no radii."""
     n = len(x)
-    tracks = replace(_blank_tracks(n, 0, np.full(n, existence)), id=np.arange(1, n + 1))
+    tracks = replace(blank_tracks(n, 0, np.full(n, existence)), id=np.arange(1, n + 1))
     rates = np.tile([20.0, 2.0], (n, 1))
     if model.states:
         return model.predict(Bernoullis(tracks, rates, x, P), np.zeros(n))
@@ -144,8 +145,6 @@ def evidence_of(seed: int, association: str) -> tuple[pointevidence.PointEvidenc
     z = np.concatenate([at[rng.integers(0, 2, 6)] + rng.normal(0, 1.5, (6, 2)), rng.uniform([-4, 16], [8, 28], (1, 2))])
     scan = scan_of(z, 0)
     assert scan.points is not None
-    from maritrack.cluster.stage import cluster_points
-
     clusters = cluster_points(scan.points, scan, config.cluster, config.input)
     empty = bernoullis.nothing(0)
     return pointevidence.look(rows, empty, scan, scan.points, clusters, config, 0, model), np.arange(2)
