@@ -14,6 +14,7 @@ from maritrack.reproduce.extended_runs import SHIPS, TEST_1, TEST_2, Case, run_c
 
 RUNS, QUICK_RUNS = 100, 10
 OF_CANAL, QUICK_OF_CANAL = 10, 2
+QUICK_SCANS = {TEST_1: 0, TEST_2: 600}  # 0 = all
 CANAL = (TEST_2, TEST_1)  # the longest first, so that no worker is left with it at the end
 
 
@@ -21,7 +22,8 @@ def cases(plan: Plan) -> list[Case]:
     """What is run, by seeds 1, 2, ..."""
     runs = plan.seeds or (QUICK_RUNS if plan.quick else RUNS)
     of_canal = min(plan.seeds, OF_CANAL) or (QUICK_OF_CANAL if plan.quick else OF_CANAL)
-    canal = [Case(scene, seed) for scene in CANAL for seed in range(1, of_canal + 1)]
+    scans = QUICK_SCANS if plan.quick else {}
+    canal = [Case(scene, seed, scans.get(scene, 0)) for scene in CANAL for seed in range(1, of_canal + 1)]
     return canal + [Case(SHIPS, seed) for seed in range(1, runs + 1)]
 
 

@@ -97,7 +97,9 @@ def test_intervals_hold_what_they_say() -> None:
 def test_quick_is_a_part_of_the_whole_and_seeds_can_be_chosen() -> None:
     whole, quick, few = (extended.cases(plan) for plan in (Plan(), Plan(quick=True), Plan(seeds=3)))
     assert sum(case.scene == SHIPS for case in whole) == 100
-    assert set(quick) < set(whole) and {case.scene for case in quick} == set(SCENES)
+    assert {(c.scene, c.seed) for c in quick} < {(c.scene, c.seed) for c in whole}
+    assert {case.scene for case in quick} == set(SCENES)
+    assert {case.scans for case in whole} == {0} and {c.scans for c in quick if c.scene == TEST_2} == {600}
     assert sorted((case.scene, case.seed) for case in few) == [(s, i) for s in sorted(SCENES) for i in (1, 2, 3)]
 
 
