@@ -13,7 +13,7 @@ from maritrack.reproduce.extended_figures import draw
 from maritrack.reproduce.extended_runs import SHIPS, TEST_1, TEST_2, Case, run_case
 
 RUNS, QUICK_RUNS = 100, 10
-OF_CANAL, QUICK_OF_CANAL = 10, 2
+OF_CANAL, QUICK_OF_CANAL = 10, 4
 QUICK_SCANS = {TEST_1: 0, TEST_2: 600}  # 0 = all
 CANAL = (TEST_2, TEST_1)  # the longest first, so that no worker is left with it at the end
 
