@@ -19,7 +19,7 @@ from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
 from maritrack.objects import nearside
 from maritrack.settings import Config
-from maritrack.trackers import TRACKERS, Tracker
+from maritrack.trackers import TRACKERS, Told, Tracker
 from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Mask, Points, Result, Scan, Tracks, take
 
 
@@ -70,6 +70,8 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     clock.lap("cluster")
     tracker, info = state.tracker, None
     if ready(background, scan, config):  # abs-9: in case 1 tracking waits for it
+        if frame.truth is not None and isinstance(chain.tracker, Told):
+            tracker = chain.tracker.started(tracker, frame.truth, scan)
         tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), left, clusters)
     tracks = nearside.complete(chain.tracker.estimate(tracker), scan.position_m, chain.hulls, config.model)
     clock.lap("track")

@@ -25,8 +25,9 @@ PAPERS = {
     "engm": "Kernel-Based Ensemble Gaussian Mixture Probability Hypothesis Density Filter (Durant, Zanetti)",
     "extended": "Comparing Multiple Extended Object Tracking with Point Based Multi Object Tracking for LiDAR in a"
     " Maritime Context (Baerveldt, Hem, Brekke)",
+    "dataset": "Real-World Marine Radar Datasets for Evaluating Target Tracking Methods (Fowdur, Baum, Heymann)",
 }
-DONE = ("polar", "engm", "extended")  # papers all of whose numbered equations have a home
+DONE = ("polar", "engm", "extended", "dataset")  # papers all of whose numbered equations have a home
 
 _MEANING = {
     "polar-1": "a detection at range and azimuth on the plane",
@@ -92,6 +93,18 @@ _MEANING = {
     "extended-2": "its motion and measurement, all points of a scan stacked",
     "extended-3": "a point on the contour: centre and radius at its angle",
     "extended-4": "the angle of a point in the frame of the hull, which depends on centre and heading",
+    "dataset-1": "motion at constant course and speed",
+    "dataset-2": "a measurement is the place, with the noise of a converted range and azimuth",
+    "dataset-3": "the gate, an ellipse about the predicted place",
+    "dataset-4": "covariance of the innovation, with the dispersion of the echoes of the scan before",
+    "dataset-5": "dispersion: covariance of the echoes in the gate of a vessel",
+    "dataset-6": "which centroids are in whose gates",
+    "dataset-7": "a centroid is in a gate or not",
+    "dataset-8": "joint events: each centroid is of one vessel or clutter",
+    "dataset-9": "probability of a joint event",
+    "dataset-10": "density of a centroid that is a vessel's or clutter",
+    "dataset-11": "prior of an event: which vessels were seen",
+    "dataset-12": "marginal probability that a centroid is of a vessel",
 }
 
 _KEY = r"[a-z]+-[a-z0-9]+"

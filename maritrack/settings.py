@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from maritrack.centroidsettings import CentroidConfig
 from maritrack.contoursettings import ContourConfig, PmbmConfig
 from maritrack.errors import ConfigError
 from maritrack.imagesettings import ImageConfig
@@ -250,6 +251,7 @@ class Config:
     intensity: IntensityConfig = field(default_factory=IntensityConfig)
     smooth: SmoothConfig = field(default_factory=SmoothConfig)
     pakf: PakfConfig = field(default_factory=PakfConfig)
+    centroid: CentroidConfig = field(default_factory=CentroidConfig)
     pmbm: PmbmConfig = field(default_factory=PmbmConfig)
     contour: ContourConfig = field(default_factory=ContourConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)

@@ -107,8 +107,8 @@ class TrackerConfig:
     exact_limit: int = 12  # joint association is exact up to this many tracks or clusters a group
     beyond_limit: Literal["loopy", "murty"] = "loopy"  # jipda, beyond it: belief propagation or the likeliest events
     hypotheses: int = 200  # ... of which so many
-    birth_from: Literal["unexplained", "ungated"] = (
-        "unexplained"  # clusters that tracks take by half or less, or don't gate
+    birth_from: Literal["unexplained", "ungated", "none"] = (
+        "unexplained"  # clusters that tracks take by half or less, or don't gate; or no cluster
     )
     hull: Literal["none", "cluster"] = (
         "none"  # a track draws the hull of its likeliest cluster; until the next it keeps it

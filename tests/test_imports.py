@@ -11,7 +11,9 @@ import pytest
 
 from tests.shared import ROOT
 
-SETTINGS = {"tracksettings", "intensitysettings", "contoursettings", "imagesettings", "rwmrsettings"}
+SETTINGS = {
+    "tracksettings", "intensitysettings", "contoursettings", "centroidsettings", "imagesettings", "rwmrsettings",
+}  # fmt: skip
 BASE = {"errors", "types", "settings"} | SETTINGS
 DENSITY = BASE | {"geo", "objects", "associate"}
 LINE = DENSITY | {"cluster", "detect", "metrics", "trackers"}
@@ -25,6 +27,7 @@ BELOW = {  # what each part of the package may import besides itself
     "tracksettings": {"errors", "limits"},
     "intensitysettings": {"errors", "limits"},
     "contoursettings": {"errors", "limits"},
+    "centroidsettings": {"errors", "limits"},
     "imagesettings": {"errors", "limits"},
     "rwmrsettings": {"errors", "limits"},
     "settings": {"errors", "limits"} | SETTINGS,

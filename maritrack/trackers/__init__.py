@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from maritrack.settings import Config
-from maritrack.trackers import engm_phd, pmbm, smc_phd
+from maritrack.trackers import engm_phd, jpda, pmbm, smc_phd
 from maritrack.trackers.gm_phd import GmPhd
 from maritrack.trackers.ipda import Ipda
 from maritrack.trackers.jipda import Jipda
 from maritrack.trackers.pakf import Pakf
 from maritrack.trackers.phd import Phd
 from maritrack.trackers.sprt import Sprt
-from maritrack.types import Clusters, Points, Scan, Tracks
+from maritrack.types import Clusters, Points, Scan, Tracks, Truth
 
 
 class Tracker(Protocol):
@@ -26,12 +26,21 @@ class Tracker(Protocol):
     def estimate(self, state: Any) -> Tracks: ...
 
 
+@runtime_checkable
+class Told(Protocol):
+    """A tracker that also starts tracks where AIS tells of ships."""
+
+    def started(self, state: Any, truth: Truth, scan: Scan) -> Any: ...
+
+
 TRACKERS: dict[str, Callable[[Config], Tracker]] = {
     "sprt": Sprt,
     "ipda": Ipda,
     "jipda": Jipda,
     "cb-giw-phd": Phd,
     "pakf-jpda": Pakf,
+    "jpda": jpda.jpda,
+    "ec-jpda": jpda.Jpda,
     "gm-phd": GmPhd,
     "smc-phd": smc_phd.tracker,
     "engm-phd": engm_phd.tracker,

@@ -221,6 +221,8 @@ def carry_on(
     new = unexplained > 0.5
     if config.tracker.birth_from == "ungated":
         new[sight.pairs.j] = False
+    elif config.tracker.birth_from == "none":
+        new[:] = False
     free, left_out = tracklist.room_for(tracks, clusters, np.flatnonzero(new), config.tracker)
     r0 = tracklist.birth_existence(config, clutter_density(tracks, clusters, scan, config)[free])
     t_ns = tracklist.beam_time(scan, points, clusters.mean_m[free])
