@@ -33,6 +33,10 @@ Examples:
     maritrack simulate four-ships -o ships.json
     maritrack process ships.json --preset extended
 
+    maritrack simulate darc -o darc.json --images darc-frames
+    maritrack process darc-frames --config darc-frames.toml --own-ship darc.ais.csv --truth darc.ais.csv
+    maritrack process darc.json --preset dataset --truth darc.ais.csv
+
     maritrack simulate my-scene.toml -o rec.cat240 --seed 7 --scans 100
 
     maritrack simulate --list
@@ -51,6 +55,7 @@ def simulate(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and clutter.")] = 1,
     scans: Annotated[int | None, typer.Option("--scans", min=1, help="Rotations; by default the scene's.")] = None,
     ais: Annotated[bool, typer.Option("--ais/--no-ais", help="Write REC.ais.csv.")] = True,
+    images: Annotated[Path | None, typer.Option("--images", help="Folder for screenshots of the display.")] = None,
     workers: Annotated[int, typer.Option("--workers", min=1, max=opt.MOST_WORKERS, help="Radars drawn at a time.")] = 1,
     labels: Annotated[bool, typer.Option("--labels/--no-labels", help="Write REC.labels.parquet.")] = True,
     list_: Annotated[bool, typer.Option("--list", help="Names of the scenes.")] = False,
@@ -59,6 +64,8 @@ def simulate(
 ) -> None:
     """Parse, simulate, say what was written."""
     from maritrack.errors import UsageError
+    from maritrack.simulate.campaign import Campaign
+    from maritrack.simulate.campaignwriter import simulate_campaign
     from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
     from maritrack.simulate.pointscene import PointScene, simulate_points
     from maritrack.simulate.record import simulate as write
@@ -70,9 +77,15 @@ def simulate(
     if not scene or out is None:
         raise UsageError("say which scene and where to: SCENE -o REC", hint="scenes: " + ", ".join(scene_names()))
     loaded = load_any(scene)
-    if isinstance(loaded, (PointScene, LidarScene)):
+    if images is not None and not isinstance(loaded, Campaign):
+        raise UsageError("--images is for scenes with a display", hint="daan, darc, manv")
+    if isinstance(loaded, (PointScene, LidarScene, Campaign)):
         with render.steps("scan", quiet=quiet) as tick:
-            if isinstance(loaded, PointScene):
+            if isinstance(loaded, Campaign):
+                told = simulate_campaign(
+                    loaded, out, seed=seed, scans=scans, ais=ais, images=images, progress=tick
+                )  # fmt: skip
+            elif isinstance(loaded, PointScene):
                 told = simulate_points(loaded, out, seed=seed, scans=scans, progress=tick)
             else:
                 told = simulate_lidar(loaded, out, seed=seed, scans=scans, progress=tick)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -36,12 +37,18 @@ def ais_path(recording: Path) -> Path:
 
 def ais_table(scene: Scene, n_scans: int) -> str:
     """All reports during the recording, by time."""
+    place = Origin(scene.lat_deg, scene.lon_deg)
+    return reports_table(scene.vessel, place, scene.start_s, scene.radar.turn_s * n_scans)
+
+
+def reports_table(vessels: Sequence[Vessel], origin: Origin, start_s: float, end_s: float) -> str:
+    """All reports of vessels from the UNIX time start_s on, for end_s seconds, by time."""
     rows: list[tuple[float, list[str]]] = []
-    telling = [v for v in scene.vessel if v.ais]
+    telling = [v for v in vessels if v.ais]
     columns = (*COLUMNS, *SIDES) if any(any(v.antenna_m) for v in telling) else COLUMNS
     for i, vessel in enumerate(telling):
         first_s = (i * GOLDEN % 1.0) * 2.0
-        rows += _rows(scene, vessel, report_times_s(vessel.course(), first_s, scene.radar.turn_s * n_scans))
+        rows += _rows(origin, start_s, vessel, report_times_s(vessel.course(), first_s, end_s))
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -70,18 +77,18 @@ def _interval_s(course: Course, t_s: float) -> float:
     return 10.0 if knots <= 14.0 else 6.0 if knots <= 23.0 else 2.0
 
 
-def _rows(scene: Scene, vessel: Vessel, times_s: FloatArray) -> list[tuple[float, list[str]]]:
+def _rows(origin: Origin, start_s: float, vessel: Vessel, times_s: FloatArray) -> list[tuple[float, list[str]]]:
     state = vessel.course().at(times_s)
     ahead_m, starboard_m = vessel.antenna_m
     forward = np.stack([np.sin(state.heading_rad), np.cos(state.heading_rad)], axis=-1)
     antenna_m = state.position_m + ahead_m * forward + starboard_m * forward[:, ::-1] * [1.0, -1.0]
-    place = en_to_geodetic(Origin(scene.lat_deg, scene.lon_deg), antenna_m)
+    place = en_to_geodetic(origin, antenna_m)
     lat_deg, lon_deg = (np.rint(np.asarray(angle) / LEAST_DEG) * LEAST_DEG for angle in place)
     speed_kn = np.hypot(state.velocity_mps[:, 0], state.velocity_mps[:, 1]) / KNOT_MPS
     heading_deg = np.degrees(state.heading_rad)
     rows = []
     for i, t_s in enumerate(times_s):
-        at = datetime.fromtimestamp(scene.start_s + round(float(t_s), 3), UTC)
+        at = datetime.fromtimestamp(start_s + round(float(t_s), 3), UTC)
         cog_deg = f"{round(float(heading_deg[i]), 1) % 360.0:.1f}"
         row = [
             at.isoformat(timespec="milliseconds").replace("+00:00", "Z"), vessel.id, vessel.name,

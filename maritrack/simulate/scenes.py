@@ -12,6 +12,7 @@ from typing import Any
 from maritrack.config import build, toml_table
 from maritrack.errors import ConfigError
 from maritrack.simulate.antenna import RadarSettings
+from maritrack.simulate.campaign import Campaign
 from maritrack.simulate.lidarscene import LidarScene
 from maritrack.simulate.pointscene import PointScene
 from maritrack.simulate.scenery import Land, Sea
@@ -82,8 +83,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return scene
 
 
-def load_any(name_or_path: str | Path) -> Scene | PointScene | LidarScene:
-    """A scene of any kind: with a radar and vessels, with a lidar and boats, or points of objects without either."""
+def load_any(name_or_path: str | Path) -> Scene | PointScene | LidarScene | Campaign:
+    """A scene of any kind: with a radar and vessels, with a lidar and boats, with a display, or
+    points of objects without any."""
     name = str(name_or_path)
     known = scene_names()
     if name in known:
@@ -102,6 +104,11 @@ def load_any(name_or_path: str | Path) -> Scene | PointScene | LidarScene:
             for boat in seen.boat:
                 boat.course()
             return seen
+        if "display" in table:
+            shown: Campaign = build(Campaign, table, "")
+            for vessel in shown.vessel:
+                vessel.course()
+            return shown
         scene: Scene = build(Scene, _first_apart(table), "")
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: {error}") from None

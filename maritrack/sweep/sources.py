@@ -17,6 +17,8 @@ from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_
 from maritrack.io.source import Octets
 from maritrack.io.truth import document_kind, truth_names
 from maritrack.recording import PRESET_OF_KIND, kinds_of, side_documents
+from maritrack.simulate.campaign import Campaign
+from maritrack.simulate.campaignwriter import simulate_campaign
 from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
 from maritrack.simulate.pointscene import PointScene, simulate_points
 from maritrack.simulate.record import simulate
@@ -149,6 +151,8 @@ def _simulated(source: Source, folder: Path, *, seed: int) -> Path:
         simulate_points(scene, path, seed=seed, scans=scans)
     elif isinstance(scene, LidarScene):
         simulate_lidar(scene, path, seed=seed, scans=scans)
+    elif isinstance(scene, Campaign):
+        simulate_campaign(scene, path, seed=seed, scans=scans, ais=False)
     elif scene.others:
         raise InputError(f"{source.name}: a scene of several radars", hint="simulate it, and sweep over these")
     else:
