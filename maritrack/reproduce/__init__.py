@@ -35,11 +35,18 @@ def _extended(plan: Plan, tick: Tick | None) -> Report:
     return reproduce(plan, tick)
 
 
+def _dataset(plan: Plan, tick: Tick | None) -> Report:
+    from maritrack.reproduce.dataset import reproduce
+
+    return reproduce(plan, tick)
+
+
 REPRODUCTIONS: dict[str, Experiment] = {  # by key of the paper; each imports what it needs when it is called
     "polar": _polar,
     "abs": _abs,
     "engm": _engm,
     "extended": _extended,
+    "dataset": _dataset,
 }
 
 
