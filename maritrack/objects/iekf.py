@@ -119,13 +119,17 @@ def perimeter(x: FloatArray, rules: ContourConfig) -> FloatArray:
 
 
 def _white(x: FloatArray, z: FloatArray, use: BoolArray, rules: ContourConfig) -> tuple[FloatArray, FloatArray]:
-    """Residuals (k, 2n) and derivatives (k, 2n, s) over their noise, padding and points on the centre zero."""
+    """Residuals (k, 2n) and derivatives (k, 2n, s) over their noise, those of padding zero.
+
+    A point on the centre has no bearing, so that nothing can be derived by it; how far it is from the outline counts.
+    """
     found = contour.residuals(x, z, rules)
     centre = np.hypot(z[..., 0] - x[:, None, 0], z[..., 1] - x[:, None, 1]) < contour.LEAST_RADIUS_M
-    weight = np.where((use & ~centre)[..., None], 1.0 / np.sqrt(found.var), 0.0)
+    weight = np.where(use[..., None], 1.0 / np.sqrt(found.var), 0.0)
     e = np.stack([found.e, np.zeros_like(found.e)], axis=-1) * weight
     k, n, _, s = found.H.shape
-    return e.reshape(k, 2 * n), (found.H * weight[..., None]).reshape(k, 2 * n, s)
+    slope = found.H * np.where(centre[..., None], 0.0, weight)[..., None]
+    return e.reshape(k, 2 * n), slope.reshape(k, 2 * n, s)
 
 
 def _cost(e: FloatArray, gap: FloatArray, info: FloatArray) -> FloatArray:

@@ -141,6 +141,16 @@ def test_a_hull_whose_place_is_not_known_is_found_by_the_robust_start_alone() ->
     assert miss["robust"] < 0.5 * miss["predicted"]
 
 
+def test_a_point_on_the_centre_of_the_prediction_is_no_better_explained_than_one_beside_it() -> None:
+    """A birth around a single point has its centre there, where the point has no bearing."""
+    x, P = contour.newborn(np.zeros((2, 6)), np.array([20.0, 20.0, 3.0, 3.0, math.pi, math.pi / 4]), RULES)
+    x[:, :2] = [[30.0, 20.0], [30.3, 20.0]]
+    z, use = np.full((2, 1, 2), [30.0, 20.0]), np.ones((2, 1), bool)
+    got = iekf.fit(x, P, z, use, iekf.starts(x, P, z, use, np.zeros(2), 4, RULES), RULES)
+    assert got.log_likelihood[0] == pytest.approx(got.log_likelihood[1], abs=0.5)
+    assert (np.linalg.eigvalsh(got.P[:, :2, :2])[:, 0] < 4.0).all()  # along the ray it is known by the outline
+
+
 @pytest.mark.eq("extended-1")
 def test_prediction_moves_the_outline_as_a_whole_and_forgets_towards_the_prior() -> None:
     rules = replace(RULES, forget_per_s=0.0)
