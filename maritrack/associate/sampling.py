@@ -170,11 +170,11 @@ def gains(slots: Slots, which: IntArray, mask: BoolArray) -> FloatArray:
 
 
 def halves(z: FloatArray) -> BoolArray:
-    """Which points (n,) lie on one side of their middle, along their longer axis."""
+    """Which points (n,) lie on one side of their middle, along their longer axis; none if all are in one place."""
     gap = z - z.mean(axis=0)
     c = gap.T @ gap
     angle = 0.5 * np.arctan2(2.0 * c[0, 1], c[0, 0] - c[1, 1])
-    return np.asarray(gap @ np.array([np.cos(angle), np.sin(angle)]) > 0.0)
+    return np.asarray(gap @ np.array([np.cos(angle), np.sin(angle)]) > 1e-6)
 
 
 def _blocks(
@@ -188,7 +188,7 @@ def _blocks(
         sets.append(mine)
         if len(mine) >= 4:
             side = halves(z[mine])
-            sets += [mine[side], mine[~side]]
+            sets += [mine[side], mine[~side]] if side.any() else []
         inner = cell[mine]
         cells = np.unique(inner)
         if len(cells) > 1:

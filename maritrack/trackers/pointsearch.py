@@ -67,11 +67,13 @@ def partitions(ev: PointEvidence, rows: IntArray, elements: IntArray, *, most: i
 
 
 def halves_of(ev: PointEvidence, cell: int) -> list[int]:
-    """The two halves of a cell, if it is not small."""
+    """The two halves of a cell, if it is not small nor all in one place."""
     mine = ev.cells.points[cell]
     if len(mine) < HALVES_FROM:
         return []
     side = sampling.halves(ev.cells.z[mine])
+    if not side.any():
+        return []
     return [ev.cells.number(mine[side]), ev.cells.number(mine[~side])]
 
 

@@ -146,3 +146,13 @@ def test_halves_are_on_either_side_of_the_middle_along_the_longer_axis() -> None
     z = np.column_stack([np.arange(6.0), np.tile([0.0, 0.1], 3)])
     side = sampling.halves(z)
     assert side.tolist() in ([False] * 3 + [True] * 3, [True] * 3 + [False] * 3)
+    assert not sampling.halves(np.full((7, 2), [0.1, 0.7])).any()  # whose mean is not quite there
+
+
+def test_points_all_in_one_place_have_no_halves_to_move() -> None:
+    slots, _ = problem(11, 20, 3)
+    z = np.full((20, 2), [0.1, 0.7])
+    start = np.where(np.isfinite(slots.log_point[0]), 0, -1)
+    found = sampling.sample(slots, start, np.zeros(20, np.int64), z, iterations=1000, most_moves=60,
+                            most=30, rng=np.random.default_rng(5))  # fmt: skip
+    assert len(found.log_w) > 1

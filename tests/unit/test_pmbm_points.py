@@ -282,6 +282,13 @@ def test_stray_points_alone_make_no_track_and_nothing_at_all_is_no_error() -> No
     assert not any(len(confirmed(tracks)) for tracks in seen)
 
 
+@pytest.mark.parametrize("association", ["stochastic", "murty"])
+def test_points_all_in_one_place_are_no_error(association: str) -> None:
+    config = config_of("gp-pmbm", f"pmbm.association={association}")
+    seen = watch(config, [np.full((40, 2), [8.68, 49.24])] * 4)
+    assert all(np.isfinite(tracks.cov).all() for tracks in seen)
+
+
 def test_equal_scans_give_equal_tracks_and_the_order_of_points_is_no_matter() -> None:
     scans, _ = passing(5, 10)
     config = config_of("gp-pmbm")
