@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maritrack import geo
 from maritrack.associate.marginals import existence_update, log_missed_weight, sparse_marginals
 from maritrack.cluster.stage import sensor_noise
 from maritrack.objects import course, giw, matrix2
@@ -138,12 +137,8 @@ def moved(state: Following, scan: Scan, points: Points, config: Config) -> tuple
 
 def seen(tracks: TrackList, pairs: Pairs, dt_s: FloatArray, back: bool, scan: Scan, config: Config) -> Sight:
     """What `steps.look` says of a scan, with these pairs."""
-    inside = geo.visible(scan, tracks.density.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    share = steps.covered(tracks, scan, config)
-    p_detect = config.model.p_detect * np.maximum(
-        1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0)
-    )  # fmt: skip
-    return Sight(tracks, np.where(inside, p_detect, 0.0), pairs, dt_s, back, 0, share)
+    chance, share = steps.chances(tracks, scan, config)
+    return Sight(tracks, chance, pairs, dt_s, back, 0, share)
 
 
 def associated(
