@@ -67,9 +67,8 @@ class Jpda:
         """
         config = rules_of(self.config)
         model, rules = config.model, config.centroid
-        known = tracklist.known(state.tracks, steps.middle_ns(scan), config)
-        if not known.all():
-            state = _rows(state, known)
+        there, known = steps.waiting(state.tracks, scan, config)
+        state = _rows(replace(state, tracks=there), known)
         z_m, R = measured(clusters, scan, points, config)
         tracks, courses, back = moved(state, scan, points, config)
         limit = steps.gate_limit(model.p_gate)

