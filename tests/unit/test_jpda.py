@@ -13,11 +13,12 @@ from numpy.testing import assert_allclose
 from maritrack.chain import build_chain, process
 from maritrack.cluster.stage import cluster_points
 from maritrack.config import load_config
+from maritrack.geo import pixel_key
 from maritrack.objects import course
 from maritrack.settings import Config
 from maritrack.trackers import TRACKERS
 from maritrack.trackers.jpda import Following
-from maritrack.types import COASTED, CONFIRMED, FloatArray, Frame, Points, Scan, Truth
+from maritrack.types import COASTED, CONFIRMED, FloatArray, Frame, Mask, Points, Scan, Truth
 from tests.oracles import joint_event_marginals
 from tests.unit.scans import plain_config, scan_of
 
@@ -199,3 +200,27 @@ def test_the_same_scans_give_the_same_tracks_and_no_points_none() -> None:
     empty = cluster_points(points, scan, config.cluster, config.input)
     state, _ = tracker.update(tracker.init(), scan, points, empty)
     assert len(tracker.estimate(state)) == 0
+
+
+@pytest.mark.parametrize("name", ["jpda", "ec-jpda"])
+def test_a_track_that_the_background_covers_is_held_where_it_lay(name: str) -> None:
+    """Without a course, for its stated time and no longer, also over a gap after which nobody would know its place."""
+    config = config_of(name, "tracker.stationary_s=200.0", "tracker.delete_misses=5", "tracker.birth_from=none",
+                       "tracker.delete_sigma_m=60.0")  # fmt: skip
+    tracker = TRACKERS[name](config)
+    state = followed(replace(config, tracker=replace(config.tracker, birth_from="unexplained")), 2, n=20, clutter=0)
+    ids = state.tracks.id[state.tracks.confirmed].tolist()
+    before = state.tracks.density.x[state.tracks.confirmed, :2].copy()
+    every = np.array([[e, n] for e in np.arange(-1000.0, 1000.0, 50.0) for n in np.arange(-1000.0, 1000.0, 50.0)])
+    mask = Mask(np.sort(pixel_key(every + 25.0, 50.0)), 50.0)
+    left = []
+    for k in (*range(20, 30), 130, 140, 231):
+        scan, points = scan_of(np.zeros((0, 2)), float(k))
+        clusters = cluster_points(points, scan, config.cluster, config.input)
+        state, _ = tracker.update(state, replace(scan, covered=mask), points, clusters)
+        left.append(len(state.tracks))
+        if k == 140:
+            assert state.tracks.id.tolist() == ids and not state.courses.steered.any()
+            assert np.abs(state.tracks.density.x[:, :2] - before).max() < 25.0
+            assert not state.tracks.density.x[:, 2:].any()
+    assert left[-2] == len(ids) == 2 and left[-1] == 0
