@@ -15,6 +15,7 @@ from maritrack import geo
 from maritrack.config import to_toml
 from maritrack.errors import InputError, UsageError
 from maritrack.imagesettings import ImageConfig
+from maritrack.io.images.palette import GREY
 from maritrack.io.pointwriter import write_points
 from maritrack.simulate.aistable import ais_path, reports_table
 from maritrack.simulate.campaign import Campaign, echoes_of, grabbed, north_up, reference_of
@@ -23,6 +24,7 @@ from maritrack.simulate.ppi import REACH, Echoes, Look, echo_pixels, render
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 
 SENSOR = "display"
+WEAKEST = 0.93  # of the grey of the weakest colour of an echo: the threshold of screenshots
 SPECKS = 20  # single pixels of noise in a screenshot
 LEAST_PIXELS = 4  # of a vessel, a mark or an answer in points: fewer are specks
 
@@ -147,8 +149,12 @@ def _folder(images: Path, scene: Campaign) -> None:
 
 
 def image_settings(scene: Campaign) -> ImageConfig:
-    """What reads the screenshots: centre, scale, disc, rings and panels; the heading line is told by its colour."""
+    """What reads the screenshots: centre, scale, disc, rings and panels; the heading line is told by its colour.
+
+    Each colour of an echo is over the threshold, and blobs are found of the weakest one.
+    """
     look = scene.display
+    grey = float(np.array(look.ramp[0]) @ np.array(GREY)) / 255.0
     rings = [look.radius_px * k / look.rings for k in range(1, look.rings)]
     return ImageConfig(
         centre_px=look.centre_px, pixel_m=look.pixel_m, size_px=(look.width, look.height), times="stamps",
@@ -156,6 +162,7 @@ def image_settings(scene: Campaign) -> ImageConfig:
         annuli_px=tuple((r - 1.5, r + 1.5) for r in rings),
         polygons_px=tuple((float(x0), float(y0), float(x1), float(y0), float(x1), float(y1), float(x0), float(y1))
                           for x0, y0, x1, y1 in look.panels),
-        interface=("#{:02x}{:02x}{:02x}".format(*look.line),), threshold=scene.threshold,
+        interface=("#{:02x}{:02x}{:02x}".format(*look.line),), threshold=round(WEAKEST * grey, 3),
+        blob_threshold=0.001, blob_reach=2.0,
         blob_min_m=4.0 * look.pixel_m if look.pixel_m < 10 else 25.0,
     )  # fmt: skip
