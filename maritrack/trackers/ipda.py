@@ -34,13 +34,18 @@ class Ipda:
         """Predict every track, give each cluster to one of them, update each on its own, start and end tracks.
 
         Reading: polar sec. II "1:N" is read as one track for a cluster, any number of clusters for a track;
-        nearest by the cost of `steps.gate_cost`.
+        nearest by the cost of `steps.gate_cost`. Where one of them is held in the background, by shape as well: a
+        quay that is hidden as a whole would take all that leaves it.
         """
         config, model = self.config, self.config.model
         state = steps.still_known(state, scan, config)
         sight = steps.look(state, scan, points, clusters, config)
         sight = steps.keep(sight, sight.p_detect[sight.pairs.i] > 0.0)
-        sight = steps.keep(sight, nearest_track(sight.pairs.i, sight.pairs.j, steps.gate_cost(sight, config)))
+        cost = steps.gate_cost(sight, config)
+        if state.held_s.any():
+            by_shape = np.isin(sight.pairs.j, sight.pairs.j[state.held_s[sight.pairs.i] > 0])
+            cost -= 2.0 * np.where(by_shape, steps.log_shape(sight, clusters, scan, points, config), 0.0)
+        sight = steps.keep(sight, nearest_track(sight.pairs.i, sight.pairs.j, cost))
         pairs, n = sight.pairs, len(sight.tracks)
         log_ratio = steps.log_weights(sight, clusters, scan, points, sight.p_detect, config)
         existence, beta, beta0 = integrated_pda(
