@@ -64,7 +64,7 @@ def test_what_is_seen_by_parts_of_several_clusters_is_not_held() -> None:
 def test_what_is_not_hidden_any_more_and_not_seen_is_missed_and_found_again(name: str) -> None:
     config = settings(name, "intensity.p_survive_scan=1.0")
     before = after_scans(config, [(BERTH, None)] * 12 + [(NOTHING, mask_at(BERTH))] * 4)
-    assert before.tracks.held_s.tolist() == [8.0]
+    assert before.tracks.held_s.tolist() == [8.0] and before.tracks.misses.tolist() == [0]
     elsewhere = mask_at(BERTH + 1000.0)
     after = after_scans(config, [(NOTHING, elsewhere)], state=before, t_s=32.0)
     assert after.tracks.id.tolist() == before.tracks.id.tolist() and after.tracks.held_s.tolist() == [0.0]
