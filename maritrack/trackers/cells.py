@@ -75,11 +75,12 @@ class Fits:
 
     def log_l(self, pairs: Iterable[tuple[int, int]]) -> FloatArray:
         """Log likelihoods of pairs that are made, m^-2 for each point."""
-        every = np.concatenate([np.zeros(0), *self._log_l])
-        return np.asarray(every[[self._place[pair] for pair in pairs]])
+        self._log_l = [np.concatenate([np.zeros(0), *self._log_l])]
+        return np.asarray(self._log_l[0][[self._place[pair] for pair in pairs]])
 
     def fitted(self, pairs: Iterable[tuple[int, int]]) -> Bernoullis:
         """Their rows."""
         place = np.array([self._place[pair] for pair in pairs], np.int64)
-        every = bernoullis.join(self._made) if self._made else bernoullis.rows(self.rows, np.zeros(0, np.int64))
-        return bernoullis.rows(every, place)
+        if len(self._made) > 1:  # not anew at each call
+            self._made = [bernoullis.join(self._made)]
+        return bernoullis.rows(self._made[0] if self._made else self.rows, place)

@@ -152,8 +152,9 @@ class PointEvidence:
     def _cluster_of(self, cell: IntArray) -> IntArray:
         """The cluster that most of a cell's points are of."""
         out = np.full(len(cell), -1)
+        of_point = self.point_label
         for k, c in enumerate(cell.tolist()):
-            label = self.point_label[self.cells.points[c]]
+            label = of_point[self.cells.points[c]]
             if len(label) and label.max() >= 0:
                 out[k] = np.bincount(label[label >= 0]).argmax()
         return out
