@@ -1,39 +1,78 @@
 """All trackers on the real recordings, as the README's table: GOSPA, switches, held shares, CPU of the tracker.
 
 MARITRACK_SHARED=FOLDER python -m tests.bench.bench_trackers [--trackers sprt jipda] [--set KEY=VALUE ...]
+With --sensors the Autoferry recordings by their radar, by their lidar and by both, in place of all that.
 The recordings are not the project's to ship: FOLDER holds marce_solent/ and autoferry/ under data/.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
 from maritrack.config import load_config
 from maritrack.job import Job, run_silently
 from maritrack.recording import default_preset, kinds_of, open_inputs, side_documents
+from maritrack.run import Sink
 from maritrack.trackers import TRACKERS
-from tests.shared import shared
+from maritrack.types import Result, RunManifest
+from tests.shared import ROOT, shared
 
 SHIPS = {"CHARLESTON EXPRESS": "367168640", "CORNELIS": "210574000"}
 SOLENT = ("score.hold_m=250.0", 'score.truth_lag_s="210574000=37"')
 SCENARIOS = (2, 3, 4, 13, 17)
 PAPER = ("sprt", "ipda", "jipda", "cb-giw-phd", "gm-phd", "smc-phd", "engm-phd", "giw-pmbm")
+SENSORS = ROOT / "data" / "samples" / "autoferry.sensors.toml"
+BY_SENSOR = {  # preset and settings; truth is what lies within the radar's reach, whoever looks
+    "radar": ("autoferry", ()),
+    "lidar": ("autoferry-fused", ("input.sensor=lidar",)),
+    "radar+lidar": ("autoferry-fused", ()),
+}
 
 
-def summary(path: Path, truth: Path | None, sets: Sequence[str]) -> dict[str, Any]:
+@dataclass
+class GospaOf:
+    """GOSPA at the scans of one sensor: a sink, for runs of several are compared at the instants that both have."""
+
+    sensor: str
+    values: list[float] = field(default_factory=list)
+
+    def open(self, manifest: RunManifest) -> None: ...
+
+    def write(self, result: Result) -> None:
+        if result.frame.scan.sensor.id == self.sensor:
+            self.values.append(result.scores["gospa"])
+
+    def close(self, summary: Mapping[str, Any]) -> None: ...
+
+    def abort(self) -> None: ...
+
+    @property
+    def mean(self) -> float:
+        """Over the scans where truth is known."""
+        return float(np.nanmean(self.values)) if self.values else math.nan
+
+
+def summary(
+    path: Path, truth: Path | None, sets: Sequence[str], *, preset: str = "", sensors: Path | None = None,
+    sinks: Sequence[Sink] = (),
+) -> dict[str, Any]:  # fmt: skip
     """What `process` would say of a recording."""
     octets = open_inputs([path])
     kinds = kinds_of(octets)
-    config = load_config(preset=default_preset(kinds), sets=list(sets))
-    side = side_documents([path], truth=truth, own_ship=None, sensors=None)
+    config = load_config(preset=preset or default_preset(kinds), sets=list(sets))
+    side = side_documents([path], truth=truth, own_ship=None, sensors=sensors)
     job = Job(octets=octets, kinds=kinds, input_sha256=[""], side=side, config=config, name=path.stem)
-    return run_silently(job, [])[0]
+    return run_silently(job, sinks)[0]
 
 
 def solent(tracker: str, sets: Sequence[str]) -> str:
@@ -53,13 +92,34 @@ def solent(tracker: str, sets: Sequence[str]) -> str:
     )
 
 
+def scenario(n: int) -> tuple[Path, Path]:
+    """Detections and truth."""
+    stem = shared("data/autoferry") / f"scenario{n}" / f"scenario{n}"
+    return Path(f"{stem}_detections.json"), Path(f"{stem}_groundTruth.json")
+
+
+def by_sensor(path: Path, truth: Path, tracker: str, which: str, sets: Sequence[str] = ()) -> tuple[float, float]:
+    """GOSPA over all scans, and at those of the radar (nan without it)."""
+    preset, own = BY_SENSOR[which]
+    at_radar = GospaOf("radar")
+    settings = [f"tracker_name={tracker}", *own, *sets]
+    found = summary(path, truth, settings, preset=preset, sensors=SENSORS, sinks=[at_radar])
+    return found["metrics"]["gospa"], at_radar.mean
+
+
+def sensors_of_autoferry(tracker: str, which: str, sets: Sequence[str]) -> str:
+    """GOSPA of each scenario and their mean; at the radar's scans alone the mean of all that have them."""
+    values = np.array([by_sensor(*scenario(n), tracker, which, sets) for n in SCENARIOS])
+    all_scans, at_radar = values.mean(axis=0)
+    row = " | ".join(f"{v:.2f}" for v in values[:, 0])
+    return f"| `{tracker}` | {which} | {row} | {all_scans:.2f} | {at_radar:.2f} |"
+
+
 def autoferry(tracker: str, sets: Sequence[str]) -> str:
     """GOSPA of each scenario and their mean, switches, CPU."""
     found = []
     for n in SCENARIOS:
-        folder = shared("data/autoferry") / f"scenario{n}"
-        names = (folder / f"scenario{n}_{what}.json" for what in ("detections", "groundTruth"))
-        found.append(summary(*names, [f"tracker_name={tracker}", *sets]))
+        found.append(summary(*scenario(n), [f"tracker_name={tracker}", *sets]))
     values = [s["metrics"]["gospa"] for s in found]
     switches = sum(o["switches"] for s in found for o in s["objects"])
     cpu = sum(s["timing"]["track_ms_per_scan"] for s in found) / len(found)
@@ -71,7 +131,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trackers", nargs="+", default=PAPER, choices=tuple(TRACKERS))
     parser.add_argument("--set", nargs="+", default=[], dest="sets")
+    parser.add_argument("--sensors", action="store_true", help="Autoferry by radar, by lidar and by both")
     args = parser.parse_args()
+    if args.sensors:
+        print("| tracker | sensor | " + " | ".join(str(n) for n in SCENARIOS) + " | mean | at the radar's scans |")
+        print("|---|---|" + "---|" * (len(SCENARIOS) + 2))
+        for tracker in args.trackers:
+            for which in BY_SENSOR:
+                print(sensors_of_autoferry(tracker, which, args.sets), flush=True)
+        return
     print(
         "| tracker | GOSPA (m) | switches | "
         + " | ".join(SHIPS)

@@ -17,6 +17,7 @@ from maritrack.io.autoferry import ORIGIN, AutoferrySource, autoferry_truth
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.reference import truth_at
 from maritrack.settings import InputConfig
+from tests.bench.bench_trackers import by_sensor
 from tests.cli.calling import call
 from tests.shared import ROOT, shared
 
@@ -90,6 +91,16 @@ def test_the_sample_with_both_sensors_is_processed_and_replayed(tmp_path):
     ).json  # fmt: skip
     assert done["counts"]["scans"] == 232 + 69 and done["metrics"]["gospa"] < 9.0
     assert call("replay", out / "run.mcap", "--verify", "--no-rrd").code == 0
+
+
+@pytest.mark.parametrize("tracker", ["jipda", "giw-pmbm"])
+def test_the_sample_with_both_sensors_is_tracked_better_than_with_either(tracker):
+    radar, at_radar = by_sensor(SAMPLE, SAMPLE_TRUTH, tracker, "radar")
+    both, both_at_radar = by_sensor(SAMPLE, SAMPLE_TRUTH, tracker, "radar+lidar")
+    lidar, never = by_sensor(SAMPLE, SAMPLE_TRUTH, tracker, "lidar")
+    assert radar == pytest.approx(at_radar) and math.isnan(never)
+    assert both < radar < lidar
+    assert both_at_radar < radar - 0.3
 
 
 def test_the_first_frame_carries_the_octets():
