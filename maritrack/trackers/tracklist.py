@@ -90,8 +90,9 @@ def select(tracks: TrackList, index: IntArray | BoolArray) -> TrackList:
 def count(tracks: TrackList, hit: BoolArray, sensor: str) -> TrackList:
     """The list with one more scan of a sensor, in which `hit` (t,) were seen: hits and misses count once a step.
 
-    A step is a run of scans in which no sensor comes twice: with one sensor a scan, with several a turn of all of
-    them, whatever their order and periods. A track that any sensor sees has a hit in that step.
+    A step is a run of scans in which no sensor comes twice: with one sensor a scan, with several of one period a turn
+    of all of them in any order; beside a slow sensor the steps, and so `tracker.delete_misses`, are the fast one's,
+    wherever it looks. A track that any sensor sees has a hit in that step.
     """
     again = sensor in tracks.heard
     before = np.zeros_like(tracks.told) if again else tracks.told

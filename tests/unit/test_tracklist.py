@@ -235,6 +235,15 @@ def test_hits_and_misses_count_once_a_step_whichever_sensors_see_it() -> None:
     assert counts == [(1, 0, 0, 1), (1, 0, 0, 1), (1, 0, 0, 1), (1, 0, 1, 2), (1, 1, 1, 0), (1, 1, 2, 1)]
 
 
+def test_beside_a_slow_sensor_the_steps_are_those_of_the_fast_one() -> None:
+    state = tracks(1, hits=np.zeros(1, np.int64))
+    misses = []
+    for sensor in ("fast", "fast", "fast", "slow") * 2:
+        state = tracklist.count(state, np.array([sensor == "slow" and len(misses) > 4]), sensor)
+        misses.append(int(state.misses[0]))
+    assert misses == [1, 2, 3, 3, 4, 5, 6, 0] and state.hits.tolist() == [1]
+
+
 def test_with_one_sensor_each_scan_is_a_step() -> None:
     rng, state, hits, misses = np.random.default_rng(0), tracks(5, hits=np.zeros(5, np.int64)), 0, np.zeros(5, int)
     for _ in range(20):
