@@ -83,39 +83,45 @@ def _numbers(ev: PointEvidence, points: IntArray, label: IntArray) -> tuple[int,
     return tuple(sorted(ev.cells.number(np.sort(part)) for part in parts))
 
 
-def _in_gate(ev: PointEvidence, row: int, cell: int, elements: IntArray) -> int:
-    """The cell of those points that are in the row's gate, -1 where there is none."""
-    if cell < ev.n_elements:
-        inner = ev.inside.get((row, cell))
-    else:
-        near = [ev.inside[row, e] for e in elements.tolist() if (row, e) in ev.inside]
-        both = np.intersect1d(ev.cells.points[cell], np.concatenate(near)) if near else np.zeros(0, np.int64)
-        inner = both if len(both) else None
-    return -1 if inner is None else ev.cells.number(np.sort(inner))
+def _in_gates(ev: PointEvidence, rows: IntArray, cells: IntArray) -> dict[tuple[int, int], int]:
+    """Of rows and cells of a partition the cell of those points that are in the row's gate, where there are any."""
+    cell_of = np.full(len(ev.cells.z), -1)
+    for c in cells.tolist():
+        cell_of[ev.cells.points[c]] = c
+    out: dict[tuple[int, int], int] = {}
+    for row in rows.tolist():
+        begin, end = np.searchsorted(ev.i, [row, row + 1]).tolist()
+        if begin == end:
+            continue
+        near = np.sort(np.concatenate([ev.inside[row, c] for c in ev.j[begin:end].tolist()]))
+        order = np.argsort(cell_of[near], kind="stable")
+        near, label = near[order], cell_of[near[order]]
+        first = np.flatnonzero(np.diff(label, prepend=-2))
+        for c, inner in zip(label[first].tolist(), np.split(near, first[1:]), strict=True):
+            if c >= 0:
+                out[row, c] = ev.cells.number(inner)
+    return out
 
 
 def _assigned(ev: PointEvidence, rows: IntArray, every: list[IntArray], most: int) -> Children:
-    base = np.unique(np.concatenate([e[e < ev.n_elements] for e in every]))
     ev.try_new([c for cells in every for c in cells.tolist() if c >= ev.n_elements])
     known: dict[tuple[int, ...], float] = {}
-    table = {
-        (row, c): _in_gate(ev, row, c, base) for cells in every for c in cells.tolist() for row in rows.tolist()
-    }  # fmt: skip
-    pairs = list(dict.fromkeys((row, inner) for (row, _), inner in table.items() if inner >= 0))
+    tables = [_in_gates(ev, rows, cells) for cells in every]
+    pairs = list(dict.fromkeys((row, inner) for table in tables for (row, _), inner in table.items()))
     weight = dict(zip(pairs, ev.log_hit(pairs).tolist(), strict=True))
-    for cells in every:
+    place = {row: t for t, row in enumerate(rows.tolist())}
+    for cells, table in zip(every, tables, strict=True):
         new = np.array([np.logaddexp(0.0, ev.log_u.get(c, -math.inf)) for c in cells.tolist()])
         gain = np.full((len(rows), len(cells)), -np.inf)
-        for t, row in enumerate(rows.tolist()):
-            for m, c in enumerate(cells.tolist()):
-                inner = table[row, c]
-                if inner >= 0:
-                    gain[t, m] = weight[row, inner] - ev.log_miss[row] - new[m]
+        column_of = {c: m for m, c in enumerate(cells.tolist())}
+        for (row, c), inner in table.items():
+            m = column_of[c]
+            gain[place[row], m] = weight[row, inner] - ev.log_miss[row] - new[m]
         best = k_best(gain, np.zeros(len(rows)), most, span=_span(ev))
         for column, total in zip(best.column, best.gain.tolist(), strict=True):
             taken = [-1 if m < 0 else table[row, int(cells[m])] for row, m in zip(rows.tolist(), column, strict=True)]
-            left = [c for m, c in enumerate(cells.tolist()) if m not in set(column.tolist())]
-            born = [c for c in left if ev.may_be_new(c)]
+            used = set(column.tolist())
+            born = [c for m, c in enumerate(cells.tolist()) if m not in used and ev.may_be_new(c)]
             known.setdefault((*taken, -2, *born), total + float(new.sum()))
     return _children(known, len(rows), ev, most)
 
