@@ -231,7 +231,7 @@ def test_scores_have_a_place_and_a_unit() -> None:
     assert captions.score_title("ospa_localisation") == "OSPA localisation [m]"
     assert captions.score_title("gospa_localisation") == "GOSPA localisation [m^p]"
     assert captions.score_title("n_truth") == "truth [objects]"
-    assert captions.score_title("iou") == "iou"
+    assert captions.score_title("iou") == "IoU"
 
 
 def test_velocity_lines_are_a_few_percent_of_the_range() -> None:
