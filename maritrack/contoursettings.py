@@ -59,7 +59,7 @@ class PmbmConfig:
     prune_existence: float = 0.01  # extended, sec. 4.2
     prune_poisson: float = 0.01  # extended, sec. 4.2
     most_poisson: int = 500  # components
-    recycle: bool = False  # what is pruned joins the undetected
+    recycle: bool = False  # rows that are pruned join the undetected, those that prune_poisson, a smaller limit, leaves
     extract_existence: float = 0.5  # extended, sec. 4.2
     p_survive_scan: float = 0.0  # in a scan that moves the clock; 0 = model.p_survive, a second
     group_limit: int = 40  # tracks and clusters of a larger group are merged, their shares by belief propagation

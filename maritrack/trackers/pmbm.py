@@ -241,7 +241,8 @@ def pruned(
     faint = tracks.existence < rules.prune_existence
     p, _ = hypotheses.probability(factors, len(rows))
     poisson = undetected.pruned(poisson, rules)
-    poisson = undetected.recycled(poisson, rows, np.flatnonzero(faint & ~ended), p, rules)
+    back = np.flatnonzero(faint & ~ended)
+    poisson = undetected.recycled(poisson, rows, back, p[back], rules)
     gone = ended | faint
     if gone.any():
         rows, factors = _select(rows, factors, gone, config)

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from maritrack.objects import contour, iekf, rate
 from maritrack.trackers import bernoullis, pointevidence, undetected
-from maritrack.trackers.pmbm import PmbmState, gp_pmbm
+from maritrack.trackers.pmbm import PmbmState, gp_pmbm, pruned
 from maritrack.trackers.pointmodels import HullModel
 from maritrack.types import CONFIRMED, TENTATIVE, Clusters, FloatArray
 from tests.laws.test_contour_laws import RULES, hulls, points_on
@@ -95,3 +95,15 @@ def test_the_iterations_never_end_dearer_than_they_began() -> None:
     for iterations in (2, 3, 50):
         got = iekf.fit(x, P, z, use, start, replace(RULES, iterations=iterations))
         assert (cost(got.x) <= cost(start) + 1e-6).all()
+
+
+def test_only_the_rows_that_are_pruned_are_recycled() -> None:
+    config = config_of("gp-pmbm", "pmbm.recycle=true", "pmbm.prune_existence=0.01", "pmbm.prune_poisson=0.001")
+    x, P = hulls(4, 3)
+    rows = rows_of(HullModel(config), x, P)
+    rows = replace(rows, tracks=replace(rows.tracks, existence=np.array([0.5, 0.008, 0.9, 0.006])))
+    none = bernoullis.nothing(rows.x.shape[1])
+    left, _, poisson = pruned(rows, (), rows.tracks.id, rows.tracks, none, config)
+    assert left.tracks.id.tolist() == [1, 3]
+    assert poisson.tracks.existence.tolist() == [0.008, 0.006]
+    np.testing.assert_array_equal(poisson.x, rows.x[[1, 3]])
