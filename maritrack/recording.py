@@ -88,7 +88,7 @@ def side_documents(
     documents = {}
     for name, path in named.items():
         if path is not None:
-            documents[name] = read_document(path)
+            documents[name] = read_document(path, packed=name in ("truth", "own-ship"))
             if name == "sensors":
                 check_sensors(documents[name], name=str(path))
             if name == "calibration":
@@ -122,7 +122,7 @@ def open_recording(
     """Sources, poses and truth of the inputs, merged by time. Several `workers` are processes that inflate video.
 
     The origin is the fixed radar's position, else that of the truth document, else own ship's first position, else
-    that of the first sensor that has one.
+    that of the first sensor that has one. The one ship that carries the radar is no truth, unless it is asked for.
     """
     settings, sensors = config.input, sensors_of(side, config.input)
     origin = fixed_origin(settings) or document_origin(side.get("truth", b""))
@@ -136,7 +136,8 @@ def open_recording(
         if kinds[0] == "autoferry" and origin is None:
             origin = AutoferrySource.origin
         reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date)
-        reference = only(reference, parse_ids(config.score.truth_match))
+        others = tuple(i for i in reference.ids if i != settings.own_ship)
+        reference = only(reference, parse_ids(config.score.truth_match) or others)
         settings = dated(settings, reference)
     sensors = sensors_of(side, settings)
     ships = {name: pose_of(document) for name, document in carriers.items()}

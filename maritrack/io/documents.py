@@ -14,10 +14,10 @@ MOST = 1 << 30  # octets of an unpacked document
 STEP = 1 << 20
 
 
-def read_document(path: Path) -> bytes:
-    """The octets of a file, out of gzip or a ZIP of one file. InputError where it can't be read."""
+def read_document(path: Path, *, packed: bool = True) -> bytes:
+    """The octets of a file, out of gzip or a ZIP of one file where it may be `packed`. InputError if unreadable."""
     try:
-        return unpacked(path.read_bytes(), name=str(path))
+        return unpacked(path.read_bytes(), name=str(path)) if packed else path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
 

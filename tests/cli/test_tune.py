@@ -97,7 +97,7 @@ def test_wrong_use_is_told_in_one_line(labelled: Path, tmp_path: Path) -> None:
     assert "model.p_detec" in call("tune", "tracker", FERRY, "--grid", "model.p_detec=0.7").error
     assert "--grid or --tracker" in call("tune", "tracker", FERRY).error
     assert "--by" in call("tune", "tracker", FERRY, "--grid", "seed=1", "--by", "speed").error
-    assert "jpda" in call("tune", "tracker", FERRY, "--tracker", "jpda").error
+    assert "jida" in call("tune", "tracker", FERRY, "--tracker", "jida").error
 
 
 def test_clusters_of_a_real_recording_by_its_ais() -> None:

@@ -124,9 +124,10 @@ def test_screenshots_show_the_points(tmp_path: Path) -> None:
     told = simulate_campaign(scene, tmp_path / "a.json", seed=4, scans=12, images=tmp_path / "frames")
     assert sorted(p.name for p in (tmp_path / "frames").iterdir())[1] == "20260512T063001.000.png"
     done = call("process", tmp_path / "frames", "-c", told["images_config"], "--own-ship", told["ais"],
-                "-o", tmp_path / "run", "--no-rrd", "--json", "-q")  # fmt: skip
+                "--truth", told["ais"], "-o", tmp_path / "run", "--no-rrd", "--json", "-q")  # fmt: skip
     assert done.code == 0, done.err
     assert done.json["counts"]["scans"] == 12
+    assert {one["id"] for one in done.json["objects"]} == {"target-2"}  # the own ship is none
     pixels = np.asarray(Image.open(tmp_path / "frames" / "20260512T063001.000.png"))
     assert pixels.shape == (400, 420, 3)
     (_, second, *_) = iter_results(tmp_path / "run" / "run.mcap")
