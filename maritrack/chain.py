@@ -72,7 +72,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
     if ready(background, scan, config):  # abs-9: in case 1 tracking waits for it
         if frame.truth is not None and isinstance(chain.tracker, Told):
             tracker = chain.tracker.started(tracker, frame.truth, scan)
-        tracker, info = chain.tracker.update(tracker, replace(scan, covered=mask), left, clusters)
+        tracker, info = chain.tracker.update(tracker, covered(scan, mask, background, config), left, clusters)
     tracks = nearside.complete(chain.tracker.estimate(tracker), scan.position_m, chain.hulls, config.model)
     clock.lap("track")
     scores = score_frame(
@@ -125,6 +125,15 @@ def subtract(
     if spare is not None:
         keep |= under(spare, points.position_m, scan.t_ns, rules.pixel_m)
     return {**background, name: model}, mask, keep
+
+
+def covered(scan: Scan, mask: Mask | None, background: Mapping[str, Background], config: Config) -> Scan:
+    """The scan with the background of its sensor and, as they are now, those of the others."""
+    if mask is None:
+        return scan
+    own = model_name(scan, config)
+    others = tuple(mask_of(model, config.subtract) for name, model in background.items() if name != own)
+    return replace(scan, covered=mask, also_covered=others)
 
 
 def spared(chain: Chain, state: ChainState) -> Tracks | None:

@@ -224,6 +224,7 @@ class Scan:
     swept: BoolArray | None = None  # (720,) half-degree bins seen in this scan; None = all
     covered: Mask | None = None  # where points were taken away: what is there is not to be seen; None = nowhere
     up_m: float = 0.0  # of the sensor, in 3-D inputs
+    also_covered: tuple[Mask, ...] = ()  # where points of the other sensors are taken away
 
     @property
     def n_spokes(self) -> int:

@@ -40,7 +40,7 @@ def step(
     known = np.flatnonzero((held_s > 0) & lasts)
     if scan.covered is None and not held_s.any():
         return np.ones(len(d), bool), Berths(nobody, nobody, cluster[:0], unexplained)
-    hidden = stationary.covered(state.tracks, scan, config)
+    hidden = stationary.hidden(state.tracks, scan, config)
     taken, of = _taken(state, d, cluster, np.where(lasts, hidden, 0.0), config)
     held = intensity.rows(state.found, known)
     left, now, free, stays = _seen(held, hidden[known], seen, unexplained, scan, points, clock, config)

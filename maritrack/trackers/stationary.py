@@ -24,21 +24,33 @@ LEAST_S = 1e-9  # what is held has been so for longer than 0
 
 def covered(tracks: TrackList, scan: Scan, config: Config) -> FloatArray:
     """Share of each track (t,) whose points are taken away as background: none of those that are spared."""
-    share = covered_share(tracks, scan.covered)
+    return _unless_spared(tracks, covered_share(tracks, scan.covered), config)
+
+
+def hidden(tracks: TrackList, scan: Scan, config: Config) -> FloatArray:
+    """The same (t,) of the backgrounds of all sensors together: each sees, and hides, its own side of a vessel.
+
+    What lies where one sensor has no sight, or hides less than half of it, is not gone when that one sees nothing.
+    """
+    return _unless_spared(tracks, covered_share(tracks, scan.covered, *scan.also_covered), config)
+
+
+def _unless_spared(tracks: TrackList, share: FloatArray, config: Config) -> FloatArray:
     spared = tracks.confirmed & tracks.moving & (config.subtract.spare == "moving")
     return np.where(spared, 0.0, share)
 
 
-def covered_share(tracks: TrackList, mask: Mask | None) -> FloatArray:
-    """Share of each track (t,) that lies in the background: of its centre and of the middles of its semi-axes."""
+def covered_share(tracks: TrackList, mask: Mask | None, *others: Mask) -> FloatArray:
+    """Share of each track (t,) that lies in a background: of its centre and of the middles of its semi-axes."""
     if mask is None or len(tracks) == 0:
         return np.zeros(len(tracks))
     half_m2, major = matrix2.eigen(tracks.density.X)
     axes = np.stack([major, major[:, ::-1] * (-1.0, 1.0)], axis=1)  # (t, 2, 2) one a row
     arms = 0.5 * np.sqrt(np.maximum(half_m2, 0.0))[:, :, None] * axes
     offset = np.concatenate([np.zeros((len(tracks), 1, 2)), arms, -arms], axis=1)
-    at = tracks.density.x[:, None, :2] + offset
-    return np.asarray(geo.in_mask(mask, at.reshape(-1, 2)).reshape(len(tracks), 5).mean(axis=1))
+    at = (tracks.density.x[:, None, :2] + offset).reshape(-1, 2)
+    inside = np.logical_or.reduce([geo.in_mask(one, at) for one in (mask, *others)])
+    return np.asarray(inside.reshape(len(tracks), 5).mean(axis=1))
 
 
 def takes(tracks: TrackList, hit: BoolArray, share: FloatArray, rules: TrackerConfig) -> BoolArray:

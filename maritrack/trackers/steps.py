@@ -96,13 +96,14 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
 
 
 def chances(tracks: TrackList, scan: Scan, config: Config) -> tuple[FloatArray, FloatArray]:
-    """P_D of each track (t,), 0 where this scan does not look, and the share of it that the background hides.
+    """P_D of each track (t,), 0 where this scan does not look, and the share of it that any background hides.
 
-    What is held and not looked at is hidden as a whole.
+    P_D is less by what the background of this sensor hides. What is held and not looked at is hidden as a whole.
     """
     seen = geo.visible(scan, tracks.density.x[:, :2], config.input.roi_min_m, config.input.roi_max_m)
-    share = np.where(seen | (tracks.held_s == 0), stationary.covered(tracks, scan, config), 1.0)
-    less = np.maximum(1.0 - share, np.where(share > 0, config.tracker.covered_detect, 1.0))
+    own = stationary.covered(tracks, scan, config)
+    less = np.maximum(1.0 - own, np.where(own > 0, config.tracker.covered_detect, 1.0))
+    share = np.where(seen | (tracks.held_s == 0), stationary.hidden(tracks, scan, config), 1.0)
     return np.where(seen, config.model.p_detect * less, 0.0), share
 
 

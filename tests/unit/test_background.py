@@ -13,10 +13,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from maritrack import geo
+from maritrack.chain import covered
+from maritrack.config import load_config
 from maritrack.detect.background import Background, judged, learn, mask_of, no_background, psi_of, rate_of, take_counts
 from maritrack.settings import SubtractConfig
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 from tests import runs
+from tests.unit.scans import scan_of
 
 PAPER = SubtractConfig(method="abs")
 SIDE = 5  # pixels of the small region, along an axis
@@ -40,6 +43,19 @@ def dense_background(psi: FloatArray, rules: SubtractConfig) -> FloatArray:
     if rules.decision == "tail":
         return np.asarray(above.sum(axis=1) - 0.5)
     return np.asarray(above.max(axis=1) - psi[:, : rules.threshold + 1].max(axis=1))
+
+
+def test_a_scan_comes_with_the_background_of_its_sensor_and_those_of_the_others() -> None:
+    config = load_config(preset="abs-port")
+    scan, _ = scan_of(np.zeros((0, 2)), 0.0)
+    models = {name: no_background((east, 0.0)) for name, east in ((scan.sensor.id, 1.0), ("q", 2.0), ("r", 3.0))}
+    mask = mask_of(models[scan.sensor.id], config.subtract)
+    told = covered(scan, mask, models, config)
+    assert told.covered is mask
+    assert [m.corner_m for m in told.also_covered] == [(2.0, 0.0), (3.0, 0.0)]
+    joint = replace(config, subtract=replace(config.subtract, masks="joint"))
+    assert covered(scan, mask, {"": models["q"]}, joint).also_covered == ()
+    assert covered(scan, None, {}, config) is scan
 
 
 def test_the_shortest_memory_that_settings_allow_is_still_a_distribution() -> None:

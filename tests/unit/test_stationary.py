@@ -187,6 +187,32 @@ def test_a_scan_that_does_not_look_at_a_berth_leaves_it_as_it_is(name: str) -> N
     assert len({t.cov[0].tobytes() for t in told[13:]}) == 1
 
 
+@every_tracker
+@pytest.mark.parametrize("hidden", [True, False])
+def test_what_one_station_hides_is_not_gone_for_another_that_neither_sees_nor_hides_it(name: str, hidden: bool) -> None:
+    """A second station looks there from behind a shed: held where it lies, but not when nobody hides it any more."""
+    berth = np.array([[0.0, 1000.0]])
+    tracker, told = TRACKERS[name](settings(name)), []
+    state = tracker.init()
+    for k in range(60):
+        scan, points = scan_of(berth if k < 12 else NOTHING, 2.0 * k)
+        masks = mask_at(berth), mask_at(berth * 0.3)
+        if k > 20:
+            masks = (masks if hidden else masks[1:] * 2)[:: 1 if k % 2 else -1]
+            scan = replace(scan, sensor=replace(scan.sensor, id="pq"[k % 2]))
+        if k >= 12:
+            scan = replace(scan, covered=masks[0], also_covered=masks[1:])
+        clusters = cluster_points(points, scan, CONFIG.cluster, CONFIG.input)
+        state, _ = tracker.update(state, scan, points, clusters)
+        told.append(tracker.estimate(state))
+    mine = told[12].id[0]
+    if not hidden:
+        assert mine not in told[-1].id[told[-1].status == STATIONARY]
+        return
+    assert all(t.status[t.id == mine].tolist() == [STATIONARY] for t in told[13:])
+    assert len({t.cov[t.id == mine].tobytes() for t in told[13:]}) == 1
+
+
 def test_a_measurement_goes_to_one_and_an_object_has_one() -> None:
     i, j = np.array([0, 0, 1, 1, 2]), np.array([0, 1, 0, 1, 2])
     log_w = np.log([0.4, 0.3, 0.5, 0.6, 0.4])

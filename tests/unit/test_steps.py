@@ -72,6 +72,22 @@ def test_covered_are_the_centre_and_the_middles_of_the_semi_axes(pixel_m: float,
     assert_allclose(stationary.covered_share(one, mask), share)
 
 
+def test_each_of_two_stations_hides_its_side_of_a_vessel_and_sees_less_of_that_side_alone() -> None:
+    """Of a hull from west to east one hides the west end and the other the rest; only the two together hide it."""
+    config = plain_config("jipda", "subtract.method=abs", "tracker.covered_detect=0.1")
+    one = tracks(1)
+    one = replace(one, density=replace(one.density, X=np.diag([100.0**2, 4.0])[None]))
+    at, corner = np.array([[-50.0, 0.0], [0.0, 0.0], [50.0, 0.0]]), (-15.0, -15.0)
+    west, rest = (Mask(np.sort(geo.pixel_key(x, 30.0, corner)), 30.0, corner) for x in (at[:1], at[1:]))
+    scan = replace(scan_of(PLACES, 1.0)[0], covered=west)
+    assert stationary.hidden(one, scan, config).tolist() == stationary.covered(one, scan, config).tolist() == [0.2]
+    both = replace(scan, also_covered=(rest,))
+    assert stationary.hidden(one, both, config).tolist() == [1.0]
+    (p_alone, _), (p, share) = (steps.chances(one, s, config) for s in (scan, both))
+    assert p_alone.tolist() == p.tolist() == [config.model.p_detect * 0.8]
+    assert share.tolist() == [1.0]
+
+
 @pytest.mark.parametrize(("share", "held"), [(0.4, False), (0.6, True), (1.0, True)])
 def test_a_track_is_held_that_is_covered_by_half(share: float, held: bool) -> None:
     rules = replace(CONFIG.tracker, stationary_s=60.0)
