@@ -17,7 +17,7 @@ HELD = 0.9  # share of its time under way in which a vessel has a track, to be c
 KEEPS = 0.9  # ... and one and the same
 LEAVING = 75  # steps under way in which a track of the berth must have the vessel for the most part
 V2, V3 = "acs-diamond", "evelyn-maersk"
-EMPTY = "2A, sea empty at first"
+EMPTY = ("2A, sea empty at first", "2B, sea empty at first")
 LEAST = 0.01  # a rate has to differ by this to be called lower
 
 Numbers = Mapping[str, float]
@@ -27,10 +27,11 @@ def claims_of(runs: Sequence[Run]) -> tuple[Claim, ...]:
     """Every statement; numbers are means over the seeds."""
     by = {name: [run for run in runs if run.case.name == name] for name in dict.fromkeys(r.case.name for r in runs)}
     cases = {name: by[name] for name in ("1A", "1B", "2A", "2B")}
-    found = [*_misdetections(cases), _from_empty(by[EMPTY]), *_rates(cases)]
-    for name, of_case in cases.items():
+    found = [*_misdetections(cases), *(_from_empty(name, by[name]) for name in EMPTY), *_rates(cases)]
+    for name, of_case in by.items():
         found += _tracked(name, of_case)
-    return (*found, _berth(by[EMPTY], V2), *(_moors(name, cases[name]) for name in cases))
+    found += [_berth(name, by[name], V2) for name in EMPTY]
+    return (*found, *(_moors(name, of_case) for name, of_case in by.items()))
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -55,9 +56,9 @@ def _misdetections(cases: Mapping[str, Sequence[Run]]) -> list[Claim]:
     return found
 
 
-def _from_empty(runs: Sequence[Run]) -> Claim:
+def _from_empty(name: str, runs: Sequence[Run]) -> Claim:
     """The same where the model hides nothing at first: what is missed then, a tracker or the background has missed."""
-    return _fewer_after(f"{EMPTY}: fewer misdetections after convergence than from the start", runs)
+    return _fewer_after(f"{name}: fewer misdetections after convergence than from the start", runs)
 
 
 def _fewer_after(said: str, runs: Sequence[Run]) -> Claim:
@@ -120,18 +121,19 @@ def share_held(run: Run, i: int) -> tuple[float, float]:
     return len(ids) / int(span.sum()), float(most / span.sum())
 
 
-def _berth(runs: Sequence[Run], vessel: str) -> Claim:
-    """The vessel that lies at a berth and leaves has one track before and after."""
-    kept, lies_s = [], []
+def _berth(name: str, runs: Sequence[Run], vessel: str) -> Claim:
+    """The vessel that lies at a berth and leaves has one track before and after; how many she has had there."""
+    kept, lies_s, had = [], [], []
     for run in runs:
         i = run.vessels.index(vessel)
         away = np.flatnonzero(run.under_way[:, i])
         lies_s.append(float(run.t_s[away[0]]))
         at_berth, left = run.held_by[: away[0], i], run.held_by[away[:LEAVING], i]
         at_berth, left = at_berth[at_berth >= 0], left[left >= 0]
+        had.append(float(len(np.unique(at_berth))))
         kept.append(bool(len(at_berth) and len(left) and at_berth[-1] == np.bincount(left).argmax()))
-    told = {"kept": float(np.mean(kept)), "at_berth_s": _mean(lies_s)}
-    return Claim(f"sea empty at first: the track of {vessel} survives the berth she leaves", all(kept), told, None)
+    told = {"kept": float(np.mean(kept)), "at_berth_s": _mean(lies_s), "tracks_at_berth": _mean(had)}
+    return Claim(f"{name}: the track of {vessel} survives the berth she leaves", all(kept), told, None)
 
 
 def _moors(name: str, runs: Sequence[Run]) -> Claim:

@@ -37,6 +37,7 @@ class Case:
 CASES = (
     Case("1A", False, "converged"), Case("1B", True, "converged"), Case("2A", False, "start"),
     Case("2B", True, "start"), Case("2A, sea empty at first", False, "start", "empty"),
+    Case("2B, sea empty at first", True, "start", "empty"),
 )  # fmt: skip
 
 

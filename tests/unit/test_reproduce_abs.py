@@ -76,7 +76,9 @@ def test_every_claim_holds_where_runs_are_as_the_paper_tells_them() -> None:
         ("2A", {"table": np.tile([1000, 20, 100, 80], (600, 1))}, "2A: FPR rises after 1750"),
         ("1A", {"held_by": np.arange(1800).reshape(600, 3)}, "1A: dlr4 under way"),
         ("1A", {"held_by": np.arange(1800).reshape(600, 3)}, f"1A: the track of {V3}"),
-        ("2A, sea empty at first", {"held_by": np.full((600, 3), -1)}, "sea empty at first"),
+        ("2A, sea empty at first", {"held_by": np.full((600, 3), -1)}, f"2A, sea empty at first: the track of {V2}"),
+        ("2B, sea empty at first", {"held_by": np.full((600, 3), -1)}, f"2B, sea empty at first: the track of {V2}"),
+        ("2B, sea empty at first", {"held_by": np.full((600, 3), -1)}, f"2B, sea empty at first: {V3} under way"),
         ("2A, sea empty at first", {"held_by": np.full((600, 3), -1)}, "2A, sea empty at first: fewer misdetections"),
     ],
 )
@@ -96,7 +98,17 @@ def test_misdetections_come_with_how_long_the_background_took_everything() -> No
     assert replace(run, table=table).all_hidden_s() == T_S[-1]
     runs = [replace(r, table=table) if r.case.name == "2A" else r for r in all_runs()]
     told = {c.name: c.ours for c in claims_of(runs) if "fewer misdetections" in c.name}
-    assert [numbers["all_hidden_s"] for numbers in told.values()] == [T_S[-1], 0.0, 0.0] and len(told) == 3
+    assert [numbers["all_hidden_s"] for numbers in told.values()] == [T_S[-1], 0.0, 0.0, 0.0]
+
+
+def test_a_berth_tells_how_many_tracks_its_vessel_has_had_there() -> None:
+    """Kept is the last one; the one before it is not forgotten."""
+    runs = all_runs()
+    held_by = runs[-1].held_by.copy()
+    held_by[(T_S > 300) & (T_S < 500), 0] = 70
+    runs[-1] = replace(runs[-1], held_by=held_by)
+    claim = next(c for c in claims_of(runs) if c.name.startswith(f"2B, sea empty at first: the track of {V2}"))
+    assert claim.holds and claim.ours["tracks_at_berth"] == 2.0
 
 
 def test_shares_count_the_time_under_way_after_convergence() -> None:
