@@ -27,6 +27,7 @@ from maritrack.types import BoolArray, Clusters, FloatArray, IntArray, Points, S
 
 MOST_POINTS = 600  # of a group whose association is searched ...
 MOST_WORK = 6000  # ... and points times objects and cells
+MOST_PAIRS = 4000  # of rows with cells that are fitted; of a crowd each row with its largest cells
 
 
 @dataclass(slots=True, eq=False)
@@ -226,6 +227,9 @@ def look(
     pair, first = np.unique(key, return_index=True)
     inside = np.split(point, first[1:])
     i, j = np.divmod(pair, max(c, 1))
+    kept = fullest(i, np.diff(np.append(first, len(point))), MOST_PAIRS)
+    n_cut = int(np.count_nonzero(~kept))
+    i, j, inside = i[kept], j[kept], [one for one, keep in zip(inside, kept.tolist(), strict=False) if keep]
     r = before.tracks.existence
     q, gone_rate = rate.missed(before.rate, p_detect)
     missed_mass = np.maximum(1.0 - r + r * q, 1e-12)
@@ -246,7 +250,7 @@ def look(
         label=label, n_elements=c,
         inside=dict(zip(zip(i.tolist(), j.tolist(), strict=True), map(np.sort, inside), strict=False)),
         fits=Fits(model, before, cells, scan.position_m, 1), born=born, clock_back=back,
-        rng_key=(8, k), poisson=left, may_start=may_start,
+        rng_key=(8, k), poisson=left, may_start=may_start, n_cut=n_cut,
     )  # fmt: skip
     least = math.log(rules.prune_existence) if rules.prune_existence > 0 else -math.inf
     hopeful = np.flatnonzero(born.bound(cells, c, evidence.log_kappa, config) > least).tolist()
@@ -255,6 +259,20 @@ def look(
     evidence.try_new(hopeful)
     evidence.fits.need((a, cells.number(one)) for (a, _), one in evidence.inside.items())
     return evidence
+
+
+def fullest(row: IntArray, size: IntArray, most: int) -> BoolArray:
+    """Which pairs (k,) of rows with cells, ordered by row, are looked at: all of `most`, else the largest of each row.
+
+    A row keeps as many as all may have, at least one.
+    """
+    kept = np.ones(len(row), bool)
+    if len(row) <= most:
+        return kept
+    order = np.lexsort((-size, row))
+    begin = np.searchsorted(row, row)
+    kept[order] = np.arange(len(row)) - begin < max(most // len(np.unique(row)), 1)
+    return kept
 
 
 def moved(rows: Bernoullis, scan: Scan, points: Points, config: Config, model: PointModel) -> tuple[Bernoullis, bool]:

@@ -11,6 +11,7 @@ from scipy.special import expit
 
 from maritrack.objects import contour, iekf, rate
 from maritrack.trackers import bernoullis, pointevidence, undetected
+from maritrack.trackers.pointevidence import fullest
 from maritrack.trackers.pmbm import PmbmState, gp_pmbm, pruned
 from maritrack.trackers.pointmodels import HullModel
 from maritrack.types import CONFIRMED, TENTATIVE, Clusters, FloatArray
@@ -107,3 +108,10 @@ def test_only_the_rows_that_are_pruned_are_recycled() -> None:
     assert left.tracks.id.tolist() == [1, 3]
     assert poisson.tracks.existence.tolist() == [0.008, 0.006]
     np.testing.assert_array_equal(poisson.x, rows.x[[1, 3]])
+
+
+def test_of_a_crowd_each_row_is_tried_with_its_largest_cells() -> None:
+    row, size = np.array([0, 0, 0, 1, 2, 2]), np.array([1, 5, 3, 1, 2, 7])
+    assert fullest(row, size, 6).all()
+    assert fullest(row, size, 5).tolist() == [False, True, False, True, False, True]
+    assert fullest(row, size, 1).sum() == 3  # each row keeps one
