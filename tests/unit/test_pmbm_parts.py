@@ -11,8 +11,8 @@ from scipy.special import expit
 
 from maritrack.objects import contour, iekf, rate
 from maritrack.trackers import bernoullis, pointevidence, undetected
-from maritrack.trackers.pointevidence import fullest
 from maritrack.trackers.pmbm import PmbmState, gp_pmbm, pruned
+from maritrack.trackers.pointevidence import fullest
 from maritrack.trackers.pointmodels import HullModel
 from maritrack.types import CONFIRMED, TENTATIVE, Clusters, FloatArray
 from tests.laws.test_contour_laws import RULES, hulls, points_on

@@ -85,7 +85,7 @@ def test_an_interruption_ends_the_study(monkeypatch: pytest.MonkeyPatch) -> None
         ({"nosuch.key": (1, 2)}, "^--grid nosuch.key=1: unknown key 'nosuch'"),
         ({"model.p_detect": (0.7, 1.5)}, "^--grid model.p_detect=1.5: .*p_detect = 1.5"),
         ({"model.p_detect": ("high",)}, "high"),
-        ({"tracker_name": ("jipda", "jpda")}, "^--tracker jpda: no tracker 'jpda'"),
+        ({"tracker_name": ("jipda", "jida")}, "^--tracker jida: no tracker 'jida'"),
     ],
 )
 def test_what_is_wrong_by_itself_is_told_before_any_run(axes: dict[str, Any], told: str) -> None:
