@@ -13,14 +13,14 @@ from PIL import Image
 
 from maritrack import geo
 from maritrack.config import to_toml
-from maritrack.errors import InputError, UsageError
+from maritrack.errors import InputError
 from maritrack.imagesettings import ImageConfig
 from maritrack.io.images.palette import GREY
 from maritrack.io.pointwriter import write_points
 from maritrack.simulate.aistable import ais_path, reports_table
 from maritrack.simulate.campaign import Campaign, echoes_of, grabbed, north_up, reference_of
-from maritrack.simulate.pointscene import write_octets
 from maritrack.simulate.ppi import REACH, Echoes, Look, echo_pixels, render
+from maritrack.simulate.writing import scans_asked, write_octets
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 
 SENSOR = "display"
@@ -89,9 +89,7 @@ def simulate_campaign(
 
     Screenshots are IMAGES/20260512T063000.000.png by time, with IMAGES.toml, the settings that read them.
     """
-    n_scans = scene.scans if scans is None else scans
-    if n_scans < 1 or seed < 0:
-        raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
+    n_scans = scans_asked(scene.scans, scans, seed=seed)
     steps = grabbed(scene, n_scans, seed=seed)
     if images is not None:
         _folder(images, scene)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from maritrack import geo
-from maritrack.errors import ConfigError, UsageError
+from maritrack.errors import ConfigError
 from maritrack.io.mount import Mount, aboard
 from maritrack.io.pointwriter import write_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.simulate.lidar import Boat, Lidar, sweep
-from maritrack.simulate.pointscene import write_octets
 from maritrack.simulate.vessels import State
+from maritrack.simulate.writing import scans_asked, write_octets
 from maritrack.types import Origin, Points, Scan, Sensor
 
 KEY = 12  # of the random numbers of these scenes
@@ -124,9 +124,7 @@ def simulate_lidar(
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Write OUT as `maritrack-points/1` in range and azimuth, truth and labels in it; returns what was written."""
-    n_scans = scene.scans if scans is None else scans
-    if n_scans < 1 or seed < 0:
-        raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
+    n_scans = scans_asked(scene.scans, scans, seed=seed)
     written: list[Scan] = []
     for k in range(n_scans):
         written += scans_of(scene, k, seed=seed)

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from maritrack import geo
-from maritrack.errors import ConfigError, InputError, UsageError
+from maritrack.errors import ConfigError
 from maritrack.io.pointwriter import write_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.objects import cv, sensing
+from maritrack.simulate.writing import scans_asked, write_octets
 from maritrack.types import FloatArray, IntArray, Points, Scan, Sensor
 
 KIND: sensing.Measurement = "range-azimuth-elevation"
@@ -101,9 +102,7 @@ def simulate_points(
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Write OUT as `maritrack-points/1` in range, azimuth and elevation, the truth in it; returns what was written."""
-    n_scans = scene.scans if scans is None else scans
-    if n_scans < 1 or seed < 0:
-        raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
+    n_scans = scans_asked(scene.scans, scans, seed=seed)
     written = []
     for k in range(n_scans):
         written.append(scan_of(scene, k, seed=seed))
@@ -118,13 +117,3 @@ def simulate_points(
         "recording": str(out), "octets": len(octets), "scans": n_scans, "points": points,
         "objects": len(scene.objects), "truth_rows": len(reference.t_ns), "seed": seed,
     }  # fmt: skip
-
-
-def write_octets(out: Path, octets: bytes) -> None:
-    """The whole file or none of it. InputError where it can't be written."""
-    partial = out.with_name(out.name + ".partial")
-    try:
-        partial.write_bytes(octets)
-        partial.replace(out)
-    except OSError as error:
-        raise InputError(f"{out}: {error.strerror or error}") from None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maritrack.errors import InputError, UsageError
+from maritrack.errors import InputError
 from maritrack.fanout import fan_out
 from maritrack.geo import C_MPS, TWO_PI, wrap
 from maritrack.io.cat240.encode import VIDEO_ITEMS, encode_video, smallest_item
@@ -27,6 +27,7 @@ from maritrack.simulate.scenes import Scene
 from maritrack.simulate.sparse import backdrop, sparse_turn
 from maritrack.simulate.stations import aboard, carried, legs, recording_path, sensors_path, sensors_table
 from maritrack.simulate.vessels import Course, Vessel
+from maritrack.simulate.writing import scans_asked
 from maritrack.types import FloatArray, IntArray
 
 DAY_TICKS = 86400 * 128  # of the time of day
@@ -58,9 +59,7 @@ def simulate(
     `<OUT>.sensors.toml` says where they are; `workers` of them are drawn at a time. `progress(done, of)` is called
     after each scan, of several radars after each recording.
     """
-    n_scans = scene.scans if scans is None else scans
-    if n_scans < 1 or seed < 0:
-        raise UsageError(f"scans = {n_scans} starts at 1, seed = {seed} at 0")
+    n_scans = scans_asked(scene.scans, scans, seed=seed)
     rows = truth_rows(scene, n_scans + 1)  # a pass beyond the end, so that truth is known up to it
     texts = {truth_path(out): _document(scene, rows)}
     texts |= {ais_path(out): ais_table(scene, n_scans)} if ais else {}
