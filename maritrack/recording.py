@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,13 +12,12 @@ from maritrack import geo
 from maritrack.errors import InputError, UsageError
 from maritrack.imagesettings import ImageConfig
 from maritrack.io import sniff
-from maritrack.io.ais import AisDocument, read_ais
 from maritrack.io.autoferry import AutoferrySource
+from maritrack.io.carriers import carriers_of, fixed_origin, own_ship, platform, pose_of
 from maritrack.io.cat240_source import Cat240Source
 from maritrack.io.documents import read_document
 from maritrack.io.fuse import in_steps, merge_sources, united
 from maritrack.io.images.source import ImageSource
-from maritrack.io.nmea import read_nmea
 from maritrack.io.octets import octets_from_file, octets_from_stdin
 from maritrack.io.plots import PlotSource
 from maritrack.io.pointjson import PointSource
@@ -187,24 +185,6 @@ def unclaimed(
     return tuple(sorted(set(names) - claimed))
 
 
-def carriers_of(
-    side: Mapping[str, bytes], settings: Sequence[InputConfig], origin: Origin | None
-) -> dict[str, AisDocument]:
-    """Reports of each ship that settings name as the carrier of a sensor, all in the plane of one origin."""
-    found: dict[str, AisDocument] = {}
-    for ship in dict.fromkeys(one.own_ship for one in settings if one.own_ship):
-        kinds = {n: document_kind(side[n], name=n) for n in ("own-ship", "truth") if n in side}
-        name = next((n for n, kind in kinds.items() if kind == "ais"), None)
-        if kinds.get("own-ship") == "nmea" and not found:  # of one ship, whatever its name
-            document = read_nmea(side["own-ship"], name="own-ship", date=settings[0].date, origin=origin)
-        elif name is not None:
-            document = read_ais(side[name], name=name, date=settings[0].date, origin=origin, own_ship=ship)
-        else:
-            raise InputError(f"own_ship = '{ship}': no AIS reports to find it in", hint="pass them with --own-ship")
-        origin, found[ship] = document.origin, document
-    return found
-
-
 def dated(settings: InputConfig, reference: Reference) -> InputConfig:
     """Settings with the day of the first report of the truth, where nothing else tells the day."""
     if settings.date or len(reference.t_ns) == 0 or reference.t_ns.min() < YEAR_NS:
@@ -223,46 +203,6 @@ def nonempty(frames: Iterator[Frame], sources: Sequence[Source], octets: Sequenc
         wrong = [d.code for source in sources for d in getattr(source, "unclaimed", ())]
         said = f": {', '.join(dict.fromkeys(wrong))}" if wrong else ""
         raise InputError(f"{', '.join(o.name for o in octets)}: no scan in it{said}")
-
-
-def fixed_origin(settings: InputConfig) -> Origin | None:
-    """Where the settings place the radar."""
-    if math.isnan(settings.lat_deg) or math.isnan(settings.lon_deg):
-        return None
-    return Origin(settings.lat_deg, settings.lon_deg)
-
-
-def own_ship(side: Mapping[str, bytes], settings: InputConfig, origin: Origin | None) -> AisDocument | None:
-    """AIS that places the radar: the document given for it, else an entry of the truth marked as own ship."""
-    if "own-ship" in side and document_kind(side["own-ship"], name="own-ship", own=True) == "nmea":
-        return read_nmea(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
-    if "own-ship" in side:
-        document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin)
-        if document.own is None and len(document.reference.ids) == 1:
-            only = document.reference.ids[0]
-            document = read_ais(side["own-ship"], name="own-ship", date=settings.date, origin=origin, own_ship=only)
-        if document.own is None:
-            hint = "mark it in a column is_own_ship, or give a table of that ship alone"
-            raise InputError("own-ship: which ship carries the radar?", hint)
-        return document
-    if "truth" in side and document_kind(side["truth"], name="truth") == "ais":
-        document = read_ais(side["truth"], name="truth", date=settings.date, origin=origin)
-        return document if document.own is not None else None
-    return None
-
-
-def platform(ais: AisDocument | None, settings: InputConfig, origin: Origin | None) -> PoseTrack | None:
-    """Where the platform is over time. A position given for a fixed radar beats reports of a ship."""
-    if fixed_origin(settings) is not None or ais is None or ais.own is None:
-        return None
-    return pose_of(ais)
-
-
-def pose_of(document: AisDocument) -> PoseTrack:
-    """Where own ship of a document is over time."""
-    if document.own is None:
-        raise InputError("own-ship: which ship carries the radar?")
-    return PoseTrack.from_reports(document.own.t_ns, document.own.position_m, document.own.heading_rad)
 
 
 @dataclass(frozen=True, slots=True)

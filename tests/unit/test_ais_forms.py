@@ -12,9 +12,10 @@ from maritrack.errors import ConfigError, InputError, UsageError
 from maritrack.io import sniff
 from maritrack.io.ais import read_ais
 from maritrack.io.aismat import table_of_mat
+from maritrack.io.carriers import own_ship
 from maritrack.io.reference import only
 from maritrack.io.truth import document_kind, document_origin, read_reference
-from maritrack.recording import own_ship, side_documents
+from maritrack.recording import side_documents
 from maritrack.settings import InputConfig, ScoreConfig, parse_ids
 from maritrack.types import Origin
 from tests.cli.calling import call
