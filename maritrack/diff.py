@@ -7,9 +7,7 @@ Timings and outputs never count. The manifest is told but does not count: it say
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,10 +15,9 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from maritrack.errors import InputError, UsageError
-from maritrack.io.archive import ArchivedScan, iter_results, read_archive
-from maritrack.io.containers.mcap_walk import MAGIC
-from maritrack.io.runmeta import manifest_metadata
+from maritrack.errors import UsageError
+from maritrack.io.archive import ArchivedScan, iter_results
+from maritrack.sides import Side, flat, side_of
 from maritrack.tolerances import Tolerance, Tolerances
 from maritrack.types import Damage
 
@@ -63,13 +60,6 @@ class Part(NamedTuple):
     first: Difference | None = None
 
 
-class _Side(NamedTuple):
-    archive: Path | None
-    n_scans: int
-    summary: Mapping[str, Any]
-    manifest: Mapping[str, Any]
-
-
 def diff(
     a: Path,
     b: Path,
@@ -81,7 +71,7 @@ def diff(
     limit: int = LIMIT,
 ) -> Diff:
     """Compare two runs, `tolerances` in place of rtol and atol. InputError where one can't be read."""
-    tolerance, sides = tolerances or Tolerances(Tolerance(rtol, atol)), (_side(a), _side(b))
+    tolerance, sides = tolerances or Tolerances(Tolerance(rtol, atol)), (side_of(a), side_of(b))
     metrics = _changed(sides, "metrics", tolerance) if only != "tracks" else {}
     counts = _changed(sides, "counts", tolerance) if only is None else {}
     found = itertools.chain(
@@ -107,12 +97,12 @@ def diff(
     )  # fmt: skip
 
 
-def _compared(sides: tuple[_Side, _Side], only: str | None) -> Iterator[str]:
+def _compared(sides: tuple[Side, Side], only: str | None) -> Iterator[str]:
     """All that is compared, whether it differs or not."""
     if only != "metrics" and all(side.archive is not None for side in sides):
         yield from FRAME_PARTS if only is None else ("tracks",)
     for part in SUMMARY_PARTS if only is None else ("metrics",) if only == "metrics" else ():
-        names = {name for side in sides for name in _flat(side.summary.get(part))}
+        names = {name for side in sides for name in flat(side.summary.get(part))}
         yield from (f"{part}.{name}" for name in sorted(names))
 
 
@@ -131,7 +121,7 @@ def compare_scans(
     yield from (Difference("scores", a.k, name, *pair) for name, pair in changes.items())
 
 
-def _frames(sides: tuple[_Side, _Side], tolerance: Tolerances, *, only: str | None) -> Iterator[Difference]:
+def _frames(sides: tuple[Side, Side], tolerance: Tolerances, *, only: str | None) -> Iterator[Difference]:
     """What differs frame by frame, then what could not be read."""
     a, b = sides[0].archive, sides[1].archive
     if only == "metrics" or (only is None and (a is None or b is None)):
@@ -247,9 +237,9 @@ def _told(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _changed(sides: tuple[_Side, _Side], part: str, tolerances: Tolerances) -> dict[str, tuple[Any, Any]]:
+def _changed(sides: tuple[Side, Side], part: str, tolerances: Tolerances) -> dict[str, tuple[Any, Any]]:
     """Changed entries of a part of the summaries, None where one side has none."""
-    a, b = (_flat(side.summary.get(part)) for side in sides)
+    a, b = (flat(side.summary.get(part)) for side in sides)
     return _table_changes(part, a, b, tolerances)
 
 
@@ -269,52 +259,7 @@ def _same(a: Any, b: Any, tolerance: Tolerance) -> bool:
     return bool(x == y)
 
 
-def _flat(table: Any, prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, names joined by dots."""
-    flat: dict[str, Any] = {}
-    for name, value in table.items() if isinstance(table, Mapping) else ():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return flat
-
-
 def _scan_table(archived: ArchivedScan) -> dict[str, Any]:
     scan = archived.scan
     table = _table(scan) | _table(scan.sensor)
     return table | {"n_spokes": archived.n_spokes, "sensor": scan.sensor.id}
-
-
-def _side(path: Path) -> _Side:
-    """What a path stands for: archive, folder of a run, or summary."""
-    names = ("run.mcap", "run.mcap.partial", "summary.json")
-    if path.is_dir():
-        inside = next((path / name for name in names if (path / name).exists()), None)
-        if inside is None:
-            raise InputError(f"{path}: no run in this folder", f"looked for {', '.join(names)}")
-        path = inside
-    try:
-        with path.open("rb") as file:
-            is_archive = file.read(len(MAGIC)) == MAGIC
-        if not is_archive:
-            return _Side(None, 0, _summary(path), {})
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    archive = read_archive(path)
-    manifest = {name: text for name, text in manifest_metadata(archive.manifest).items() if name != "digest"}
-    return _Side(path, archive.n_scans, archive.summary, manifest | _config(archive.config_toml))
-
-
-def _summary(path: Path) -> Mapping[str, Any]:
-    try:
-        document = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: neither an archive nor a summary: {error}") from None
-    if not isinstance(document, dict) or not isinstance(document.get("metrics"), dict):
-        raise InputError(f"{path}: no summary, it has no 'metrics'")
-    return document
-
-
-def _config(text: str) -> dict[str, Any]:
-    try:
-        return {f"config.{name}": value for name, value in _flat(tomllib.loads(text)).items()}
-    except (ValueError, RecursionError):
-        return {"config": text}

@@ -26,12 +26,12 @@ from maritrack.io.reference import Reference, only
 from maritrack.io.rwmr.source import RwmrSource
 from maritrack.io.sensors import calibrated, check_calibration, check_sensors, for_input, parse_sensors
 from maritrack.io.source import Octets, Source
+from maritrack.io.times import YEAR_NS
 from maritrack.io.truth import document_kind, document_origin, find_truth, read_reference
 from maritrack.rwmrsettings import RwmrConfig
 from maritrack.settings import Config, InputConfig, parse_ids
 from maritrack.types import Damage, Frame, Origin
 
-YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
 PRESET_OF_KIND = {"cat240": "radar", "points": "points", "plots": "plots", "autoferry": "autoferry",
                   "images": "dataset", "rwmr": "dataset"}  # fmt: skip
 

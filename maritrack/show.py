@@ -18,7 +18,8 @@ from maritrack.errors import InputError
 from maritrack.io import ARCHIVE, sniff
 from maritrack.io.containers.kinds import MCAP_MAGIC
 from maritrack.io.octets import HEAD, octets_from_file, octets_from_stdin
-from maritrack.survey import survey, time_text
+from maritrack.io.times import time_text
+from maritrack.survey import survey
 
 if TYPE_CHECKING:
     from maritrack.types import Damage, Frame, Origin

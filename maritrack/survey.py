@@ -39,7 +39,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -47,8 +46,9 @@ import numpy as np
 from maritrack.geo import C_MPS
 from maritrack.io.cat240.radials import Batch, Radials
 from maritrack.io.containers.skim import Skim
-from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
+from maritrack.io.datagrams import NO_TIME, Stream
 from maritrack.io.source import Octets
+from maritrack.io.times import DAY_NS, YEAR_NS, time_text
 from maritrack.io.turns.counted import Grid
 from maritrack.io.turns.spokes import SILENCE, TICK_NS, TURN, DayCount
 from maritrack.io.turns.turnbounds import FREE_SCANS, TurnBudget
@@ -89,14 +89,6 @@ def survey(octets: Octets, *, stream: str = "", quick: bool = True) -> Row:
                       if who not in known],
         "damage": damage, "warnings": dict(sorted(warnings.items())),
     }  # fmt: skip
-
-
-def time_text(t_ns: int) -> str:
-    """A time as ISO 8601, without a date where it is only the time of day."""
-    moment = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=t_ns // 1000)
-    if t_ns >= YEAR_NS:
-        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return moment.time().isoformat(timespec="milliseconds")
 
 
 def sensor_names(keys: Sequence[tuple[int, int, int]], streams: Sequence[Stream]) -> list[str]:

@@ -45,7 +45,8 @@ BELOW = {  # what each part of the package may import besides itself
     "manifest": BASE | {"config", "io"},
     "recording": BASE | {"geo", "io"},
     "tolerances": {"errors"},
-    "diff": BASE | {"io", "tolerances"},
+    "sides": {"errors", "io"},
+    "diff": BASE | {"io", "sides", "tolerances"},
     "junit": {"diff"},
     "verify": BASE | {"io", "diff", "tolerances"},
     "outlines": BASE | {"geo", "io", "metrics"},
@@ -85,6 +86,7 @@ ONLY_IN = {  # libraries that stay where they are
     "rich": ("cli/",),
     "rerun": (
         "maritrack/sinks/rerun.py",
+        "maritrack/sinks/batch.py",
         "maritrack/sinks/blueprint.py",
         "maritrack/sinks/curves.py",
         "maritrack/sinks/aismap.py",

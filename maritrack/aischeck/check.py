@@ -24,13 +24,12 @@ from maritrack.io.ais import read_ais
 from maritrack.io.archive import Archive, iter_results, read_archive
 from maritrack.io.documents import read_document
 from maritrack.io.reference import Reference, only
-from maritrack.io.times import day_start_ns
+from maritrack.io.times import YEAR_NS, day_start_ns
 from maritrack.io.truth import document_kind, read_reference
 from maritrack.retrospect import History, gather, judged
 from maritrack.settings import Config, parse_ids, parse_lags
 from maritrack.types import CONFIRMED, BoolArray, Damage, FloatArray, Origin
 
-YEAR_NS = 365 * 86_400 * 10**9  # earlier times are times of day
 NEAR_M = 5000.0  # beyond what the radar sees: a ship may come in between two reports
 
 

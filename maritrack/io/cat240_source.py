@@ -13,10 +13,10 @@ from maritrack.errors import ConfigError, InputError
 from maritrack.io.cat240.radials import Batch, Radials
 from maritrack.io.containers.capture import open_cat240
 from maritrack.io.containers.ledger import Ledger
-from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Stream
+from maritrack.io.datagrams import NO_TIME, Stream
 from maritrack.io.pose import PoseTrack
 from maritrack.io.source import Octets
-from maritrack.io.times import day_start_ns
+from maritrack.io.times import DAY_NS, YEAR_NS, day_start_ns
 from maritrack.io.turns.assemble import Assembler
 from maritrack.io.turns.scans import scan_of
 from maritrack.io.turns.spokes import TICK_NS

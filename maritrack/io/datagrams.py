@@ -15,8 +15,6 @@ import numpy as np
 from maritrack.types import Damage, IntArray, check_lengths
 
 NO_TIME = int(np.iinfo(np.int64).min)  # no receive time
-DAY_NS = 86_400 * 10**9
-YEAR_NS = 365 * DAY_NS  # earlier times count from the midnight before the first datagram: the day is unknown
 
 
 class Stream(NamedTuple):

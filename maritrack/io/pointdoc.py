@@ -23,12 +23,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maritrack.errors import InputError
-from maritrack.io.jsontext import MAX_M, clean, list_of, naming, number_of, table_of
+from maritrack.io.jsontext import MAX_M, clean, naming, number_of, table_of
 from maritrack.io.mount import NOWHERE_ELSE, Mount, aboard
 from maritrack.io.noise import plot_cov_to_en, usable_cov
+from maritrack.io.pointrows import cov_rows, point_rows, truth_labels
 from maritrack.io.pointscan import Measured, instant, measured_at, measured_in_space, point_sensor, to_points
 from maritrack.io.reference import Reference, Reports, build_reference
 from maritrack.io.times import MAX_S, seconds_to_ns
@@ -102,7 +102,10 @@ def scan_of(value: Any, header: Header, *, where: str) -> tuple[Scan, tuple[Dama
     rows = point_rows(table.get("points"), axes=header.axes, where=f"{where}: points")
     if header.axes == 3 and table.get("cov") is not None:
         raise InputError(f"{where}: points of 3-D have no 'cov': say sigmas of the sensor")
-    cov, label = _cov(table.get("cov"), len(rows), where=where), _labels(table.get("labels"), len(rows), where=where)
+    cov, label = (
+        cov_rows(table.get("cov"), len(rows), where=where),
+        truth_labels(table.get("labels"), len(rows), where=where),
+    )
     good = _usable(rows, cov, polar=header.polar)
     measured = _measured(
         rows[good],
@@ -173,32 +176,6 @@ def truth_of(records: list[Any], *, where: str = "truth", damage: tuple[Damage, 
     )
 
 
-def point_rows(value: Any, *, where: str, axes: int = 2) -> FloatArray:
-    """Points as rows [first, second(, third), intensity] (n, axes + 1); intensity 1 where not given, nan for null."""
-    rows = list_of(value, where=where)
-    if not rows:
-        return np.empty((0, axes + 1))
-    try:
-        array = np.asarray(rows)
-    except ValueError:  # some with intensity, some without
-        array = np.empty(0, dtype=object)
-    if array.dtype == object:
-        array = np.array([_row(row, axes, where=f"{where}[{i}]") for i, row in enumerate(rows)])
-    if array.ndim != 2 or array.shape[1] not in (axes, axes + 1) or array.dtype.kind not in "iuf":
-        raise InputError(f"{where}: each is a list of {axes} or {axes + 1} numbers")
-    table = np.ones((len(array), axes + 1))
-    table[:, : array.shape[1]] = array
-    return table
-
-
-def _row(row: Any, axes: int, *, where: str) -> list[float]:
-    cells = list_of(row, where=where)
-    if len(cells) not in (axes, axes + 1) or not all(c is None or type(c) in (int, float) for c in cells):
-        raise InputError(f"{where}: a list of {axes} or {axes + 1} numbers was expected")
-    known = [np.nan if c is None or abs(c) > 1e300 else float(c) for c in cells]
-    return known if len(known) > axes else [*known, 1.0]
-
-
 def _usable(rows: FloatArray, cov: FloatArray | None, *, polar: bool) -> BoolArray:
     limit = np.append(np.full(rows.shape[1] - 1, MAX_M), 1e12)
     good = np.all(np.abs(np.nan_to_num(rows, nan=np.inf)) <= limit, axis=1)
@@ -232,33 +209,6 @@ def _measured(
     times = np.full(len(rows), t_ns, dtype=np.int64)
     elevation_rad = rows[:, 2] * DEG if header.axes == 3 else None
     return Measured(range_m, azimuth_rad, times, rows[:, -1], matrix, label, elevation_rad=elevation_rad)
-
-
-def _cov(value: Any, n: int, *, where: str) -> FloatArray | None:
-    if value is None:
-        return None
-    cells = list_of(value, where=f"{where}: cov")
-    if len(cells) != n:
-        raise InputError(f"{where}: {len(cells)} covariances for {n} points")
-    try:
-        rows: NDArray[Any] = np.asarray(cells) if cells else np.empty((0, 3))
-        rows = rows.astype(np.float64) if rows.dtype == object else rows  # null becomes nan
-    except (TypeError, ValueError, OverflowError):
-        rows = np.empty(0)
-    if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype.kind not in "iuf":
-        raise InputError(f"{where}: cov: each is a list of 3 numbers")
-    return np.asarray(rows, dtype=np.float64)
-
-
-def _labels(value: Any, n: int, *, where: str) -> IntArray | None:
-    if value is None:
-        return None
-    labels = list_of(value, where=f"{where}: labels")
-    if not all(type(item) is int and abs(item) < 2**62 for item in labels):
-        raise InputError(f"{where}: labels: each is a whole number, -1 for clutter")
-    if len(labels) != n:
-        raise InputError(f"{where}: {len(labels)} labels for {n} points")
-    return np.array(labels, dtype=np.int64)
 
 
 def _pose(value: Any, entry: Entry, *, where: str) -> tuple[FloatArray, float]:

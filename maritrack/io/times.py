@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 
 DAY_S = 86_400
 DAY_NS = DAY_S * 1_000_000_000
+YEAR_NS = 365 * DAY_NS  # earlier times count from a midnight: the day is unknown
 MAX_S = 9.2e9  # beyond this nanoseconds leave an int64
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -73,3 +74,11 @@ def join_midnight(time_s: FloatArray) -> FloatArray:
     if gaps[widest] <= DAY_S / 2:
         return time_s
     return np.where(time_s <= known[widest], time_s + DAY_S, time_s)
+
+
+def time_text(t_ns: int) -> str:
+    """A time as ISO 8601, without a date where it is only the time of day."""
+    moment = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=t_ns // 1000)
+    if t_ns >= YEAR_NS:
+        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return moment.time().isoformat(timespec="milliseconds")

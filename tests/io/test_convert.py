@@ -19,11 +19,11 @@ from maritrack.errors import InputError, UsageError
 from maritrack.io.containers.capture import open_cat240
 from maritrack.io.containers.kinds import open_container
 from maritrack.io.containers.writers import ENCODERS, RawWriter, open_writer
-from maritrack.io.datagrams import DAY_NS, NO_TIME, Datagrams, DatagramWriter, Stream
+from maritrack.io.datagrams import NO_TIME, Datagrams, DatagramWriter, Stream
 from maritrack.io.dump import dump_recording
 from maritrack.io.octets import octets_from_bytes, octets_from_file
 from maritrack.io.rewrite.datagram_times import Clock, Span, as_text, parse_window, resolve
-from maritrack.io.times import iso_to_s
+from maritrack.io.times import DAY_NS, iso_to_s
 from tests.io.cat240_blocks import block, codes, indices, packed_video, read, record, rows, video
 from tests.io.test_cat240_equal import streams
 from tests.shared import ROOT, shared

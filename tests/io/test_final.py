@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maritrack.io.containers.final import FinalReader, FinalWriter, looks_final
-from maritrack.io.datagrams import DAY_NS, NO_TIME, Stream
+from maritrack.io.datagrams import NO_TIME, Stream
+from maritrack.io.times import DAY_NS
 from tests.io.grams import START_NS, STREAMS, Gram, Read, cuts, gram_lists, grown_mb, pieces, read, videos, write
 from tests.shared import shared
 

@@ -24,10 +24,11 @@ from maritrack.simulate.hulls import chords, hear
 from maritrack.simulate.labels import labels_path, read_labels
 from maritrack.simulate.radar import Turn, labelled_turn, turn
 from maritrack.simulate.rays import BEAM_REACH, inside_length
-from maritrack.simulate.record import encode_turn, simulate, turns
+from maritrack.simulate.record import simulate, turns
 from maritrack.simulate.scenery import Land, Sea, scenery
 from maritrack.simulate.scenes import LAND_ID, Scene, load_scene
 from maritrack.simulate.sparse import backdrop, noise_shown, sparse_turn
+from maritrack.simulate.turnrecords import encode_turn
 from maritrack.simulate.vessels import Vessel
 from maritrack.types import Origin
 

@@ -16,9 +16,10 @@ from maritrack.io.ais import read_ais
 from maritrack.io.cat240.encode import encode_video
 from maritrack.recording import kinds_of, open_inputs, open_recording, side_documents
 from maritrack.simulate.aistable import ais_table
-from maritrack.simulate.record import encode_turn, simulate
+from maritrack.simulate.record import simulate
 from maritrack.simulate.scenery import Land, grounds
 from maritrack.simulate.scenes import Scene, load_scene
+from maritrack.simulate.turnrecords import encode_turn
 from maritrack.simulate.vessels import arrive, depart, straight
 from maritrack.types import FloatArray, Origin
 

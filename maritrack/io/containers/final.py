@@ -26,7 +26,8 @@ from maritrack.io.containers.final_walk import (
     walk,
 )
 from maritrack.io.containers.pull import even_pieces
-from maritrack.io.datagrams import DAY_NS, NO_TIME, Datagrams, Stream
+from maritrack.io.datagrams import NO_TIME, Datagrams, Stream
+from maritrack.io.times import DAY_NS
 from maritrack.types import Damage, IntArray
 
 HALF_DAY_CS = 4_320_000

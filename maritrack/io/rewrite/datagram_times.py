@@ -12,8 +12,9 @@ import numpy as np
 from maritrack.errors import InputError, UsageError
 from maritrack.io.cat240.framing import HEADER
 from maritrack.io.cat240.recordwalk import ITEM_140, presence, source_at, time_at
-from maritrack.io.datagrams import DAY_NS, NO_TIME, YEAR_NS, Datagrams
+from maritrack.io.datagrams import NO_TIME, Datagrams
 from maritrack.io.rewrite.datablocks import Blocks, blocks_of
+from maritrack.io.times import DAY_NS, YEAR_NS
 from maritrack.types import BoolArray, IntArray
 
 TICK_NS = 7_812_500  # 1/128 s

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maritrack.io.cat240.radials import Radials
-from maritrack.io.datagrams import DAY_NS, NO_TIME
+from maritrack.io.datagrams import NO_TIME
+from maritrack.io.times import DAY_NS
 from maritrack.types import BoolArray, IntArray
 
 TURN = 65_536  # azimuth units of a turn

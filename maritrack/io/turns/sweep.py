@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from maritrack.io.cat240.radials import Radials
-from maritrack.io.datagrams import DAY_NS, NO_TIME
+from maritrack.io.datagrams import NO_TIME
+from maritrack.io.times import DAY_NS
 from maritrack.io.turns.spokes import (
     DAY,
     HISTORY,

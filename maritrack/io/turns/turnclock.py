@@ -7,7 +7,7 @@ from math import nan
 
 import numpy as np
 
-from maritrack.io.datagrams import DAY_NS
+from maritrack.io.times import DAY_NS
 from maritrack.io.turns.spokes import NO_TICK, TICK_NS, TURN
 from maritrack.types import FloatArray, IntArray
 
