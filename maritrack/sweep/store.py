@@ -120,11 +120,13 @@ def read_table(folder: Path) -> list[Cells]:
     from pyarrow import ArrowInvalid, parquet
 
     path = folder / f"{TABLE}.parquet" if folder.is_dir() else folder
+    hint = "it is written by `maritrack sweep` and `maritrack batch`"
     try:
         rows: list[Cells] = parquet.read_table(str(path)).to_pylist()
     except (OSError, ArrowInvalid) as error:
-        hint = "it is written by `maritrack sweep` and `maritrack batch`"
         raise InputError(f"{path}: no table of runs: {error}", hint=hint) from None
+    if not rows or not rows[0].keys() >= {*FIRST, "input_sha256"}:
+        raise InputError(f"{path}: a table, but not of runs", hint=hint)
     return rows
 
 

@@ -7,8 +7,10 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow as pa  # type: ignore[import-untyped]
 import pytest
 from maritrack_cli import render
+from pyarrow import parquet
 
 from tests.cli.calling import call, start
 from tests.shared import ROOT
@@ -55,6 +57,8 @@ def test_wrong_use_is_one_line(study: Path, tmp_path: Path) -> None:
     assert "no such file" in call("sweep", tmp_path / "none.cat240", "-o", tmp_path / "o").error
     assert "no column 'nix'" in call("table", study, "--metric", "nix").error
     assert "no table of runs" in call("table", tmp_path).error
+    parquet.write_table(pa.table({"run_id": ["1"]}), str(tmp_path / "results.parquet"))
+    assert "a table, but not of runs" in call("table", tmp_path).error
     assert call("sweep", FERRY, "--grid", "tracker=nix", "-o", tmp_path / "o").code == 2
     assert call("sweep", FERRY).code == 2  # nowhere to write to
     assert "--seeds" in call("sweep", FERRY, "--seeds", "x", "-o", tmp_path / "o").error
