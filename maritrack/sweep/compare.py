@@ -21,6 +21,7 @@ RESAMPLES, LEVEL, SEED = 9999, 0.95, 9
 BATCH = 1 << 22  # draws at a time
 NO_SETTING = ("run_id", "input", "kind", "seed", "error", "input_sha256")
 ALIAS = {"tracker_name": "tracker"}
+LARGER_IS_BETTER = ("held", "held_by_one", "iou", "npv")
 Row = Mapping[str, Any]
 
 
@@ -51,7 +52,7 @@ class Paired:
     values: tuple[Any, ...]
     against: tuple[Any, ...]
     difference: Mean
-    p: float  # of no difference: Wilcoxon's signed-rank test over inputs, Holm's correction over the comparisons
+    p: float  # of no difference: Wilcoxon's signed-rank test over inputs, corrected by Holm for all comparisons
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +66,13 @@ class Comparison:
 
 
 def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], against: str = "") -> Comparison:
-    """The groups of a table, and each against one of them: `against`, by default the smallest mean of the first metric.
+    """The groups of a table, and each against one of them: `against`, by default the best mean of the first metric.
 
-    UsageError where there is no such column, no run, or no such group.
+    Who is the best is told by the same numbers: then p are corrected for all pairs of groups, of which those with the
+    best are the ones that differ most, else for the pairs that are shown. UsageError where there is no such column, no
+    run, or no such group.
     """
-    keys = tuple(ALIAS.get(key, key) for key in by)
+    keys, metrics = tuple(dict.fromkeys(ALIAS.get(key, key) for key in by)), tuple(dict.fromkeys(metrics))
     good = [row for row in rows if not row["error"]]
     if not good:
         raise UsageError("no run of this table has come to an end")
@@ -77,7 +80,7 @@ def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], a
         if name not in good[0]:
             raise UsageError(f"no column '{name}'", hint="columns: " + ", ".join(_numbers(good)))
     for name in metrics:
-        if not isinstance(good[0][name], int | float) or isinstance(good[0][name], bool):
+        if not _is_number(_told(good, name)):
             raise UsageError(f"--metric {name}: not a number", hint="columns: " + ", ".join(_numbers(good)))
     parts: dict[tuple[Any, ...], list[Row]] = {}
     for row in good:
@@ -92,12 +95,15 @@ def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], a
     paired: list[Paired] = []
     for name in metrics:
         told = [_paired(parts[values], parts[base], values, base, name, rest) for values in others]
-        paired += holm(told)
+        paired += holm(told, of=len(told) if against else math.comb(len(groups), 2))
     return Comparison(keys, groups, tuple(paired), len(rows) - len(good))
 
 
 def interval(values: FloatArray) -> Mean:
-    """Mean of the values (n,) of n inputs with its percentile bootstrap interval; equal values give equal intervals."""
+    """Mean of the values (n,) of n inputs with its percentile bootstrap interval; equal values give equal intervals.
+
+    Of few inputs it is too narrow: of normal values 95 % hold the mean in 85 % (n = 5), 89 % (10), 93 % (20) of cases.
+    """
     n = len(values)
     if n < 2:
         return Mean(float(values[0]) if n else math.nan, math.nan, math.nan, n)
@@ -121,19 +127,20 @@ def signed_rank(differences: FloatArray) -> float:
     return float(wilcoxon(differences, zero_method="wilcox", method="auto").pvalue)
 
 
-def holm(pairs: Sequence[Paired]) -> list[Paired]:
-    """The comparisons with p corrected for their number (Holm 1979), in their order."""
+def holm(pairs: Sequence[Paired], *, of: int) -> list[Paired]:
+    """The comparisons with p corrected (Holm 1979) as the smallest p `of` so many, in their order."""
     order = sorted((i for i, pair in enumerate(pairs) if not math.isnan(pair.p)), key=lambda i: pairs[i].p)
-    corrected, worst = list(pairs), 0.0
+    corrected, worst, untold = list(pairs), 0.0, len(pairs) - len(order)
     for rank, i in enumerate(order):
-        worst = max(worst, min(1.0, pairs[i].p * (len(order) - rank)))
+        worst = max(worst, min(1.0, pairs[i].p * (of - untold - rank)))
         corrected[i] = replace(pairs[i], p=worst)
     return corrected
 
 
 def _base(groups: Sequence[Group], metric: str, against: str) -> tuple[Any, ...]:
     if not against:
-        return min(groups, key=lambda group: _last(group.metrics[metric].mean)).values
+        sign = -1.0 if metric in LARGER_IS_BETTER else 1.0
+        return min(groups, key=lambda group: _last(sign * group.metrics[metric].mean)).values
     for group in groups:
         if label(group.values) == against or ",".join(map(str, group.values)) == against:
             return group.values
@@ -192,13 +199,21 @@ def _by_setting(rows: Sequence[Row], metric: str, rest: Sequence[str]) -> dict[t
 
 def _numbers(rows: Sequence[Row]) -> list[str]:
     """Columns that are worth a name in a hint: metrics, counts, and settings that vary."""
-    first = rows[0]
     metrics = [
-        name for name, value in first.items()
-        if isinstance(value, int | float) and not isinstance(value, bool) and name not in NO_SETTING
-        and ("." not in name or name.startswith(("counts.", "timing.")))
+        name for name in rows[0]
+        if name not in NO_SETTING and ("." not in name or name.startswith(("counts.", "timing.")))
+        and _is_number(_told(rows, name))
     ]  # fmt: skip
     return ["tracker", "preset", "input", *metrics, *_varying(rows, ("tracker", "preset"))]
+
+
+def _told(rows: Sequence[Row], name: str) -> Any:
+    """A value of a column, of the first row that has one."""
+    return next((row[name] for row in rows if row[name] is not None), None)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def document(found: Comparison) -> dict[str, Any]:

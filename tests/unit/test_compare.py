@@ -78,7 +78,37 @@ def test_the_test_is_wilcoxons() -> None:
 
 def test_holm_corrects_for_the_number_of_comparisons() -> None:
     pairs = [Paired("gospa", (i,), (9,), interval(np.zeros(2)), p) for i, p in enumerate((0.04, 0.01, 0.03, math.nan))]
-    assert [pair.p for pair in holm(pairs)][:3] == pytest.approx([0.06, 0.03, 0.06])
+    assert [pair.p for pair in holm(pairs, of=4)][:3] == pytest.approx([0.06, 0.03, 0.06])
+    assert [pair.p for pair in holm(pairs, of=7)][:3] == pytest.approx([0.16, 0.06, 0.15])
+
+
+def test_a_best_that_the_data_chose_is_corrected_for_all_pairs() -> None:
+    """Of eight equal groups one is else told from the best in 12 % of tables, not in 5 %."""
+    some = [*rows(), *({**r, "tracker": r["tracker"] + "+", "gospa": r["gospa"] + 0.1} for r in rows())]
+    for against, pairs in (("", 6), ("a", 3)):
+        found = compare(some, by=["tracker"], metrics=["gospa"], against=against).paired
+        assert len(found) == 3 and min(pair.p for pair in found) == pytest.approx(pairs * wilcoxon(range(1, 13)).pvalue)
+
+
+@pytest.mark.parametrize(("metric", "best"), [("gospa", "a"), ("held", "b")])
+def test_others_are_compared_with_the_best(metric: str, best: str) -> None:
+    some = [{**r, "held": r["gospa"]} for r in rows()]
+    assert {pair.against for pair in compare(some, by=["tracker"], metrics=[metric]).paired} == {(best,)}
+
+
+def test_a_metric_that_the_first_runs_lack_is_a_number_of_the_others() -> None:
+    some = [row(99, "a", None), *rows()]
+    assert compare(some, by=["tracker"], metrics=["gospa"]) == compare(
+        [*rows(), row(99, "a", None)], by=["tracker"], metrics=["gospa"]
+    )
+    with pytest.raises(UsageError, match="'nix'") as told:
+        compare(some, by=["nix"], metrics=["gospa"])
+    assert "gospa" in told.value.hint
+
+
+def test_a_key_or_metric_asked_for_twice_is_told_once() -> None:
+    twice = compare(rows(), by=["tracker", "tracker_name", "tracker"], metrics=["gospa", "gospa"])
+    assert twice == compare(rows(), by=["tracker"], metrics=["gospa"])
 
 
 def test_what_failed_or_has_no_truth_is_left_out() -> None:
