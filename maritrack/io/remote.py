@@ -58,6 +58,15 @@ def size_of(url: str) -> int:
     return -1 if size is None else int(size)
 
 
+def token_of(url: str) -> str:
+    """What the store says of the object, which changes when the object does: its ETag, size, time."""
+    system, path = _place(url)
+    try:
+        return str(system.ukey(path))
+    except OSError as error:
+        raise InputError(f"{url}: {error.strerror or error}") from None
+
+
 @dataclass(frozen=True, slots=True)
 class UrlChunks:
     """The pieces of what lies under a URL, from an octet on, read anew by each loop."""

@@ -34,6 +34,7 @@ class Run:
     values: Mapping[str, Any]  # of the grid
     config: Config | None  # None: there is none, see error
     error: str = ""
+    stamp: str = ""  # of the input, when it was read for its digest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,15 +117,20 @@ def _runs(
         for values, found in grid:
             config = replace(found, seed=seed) if isinstance(found, Config) and seed is not None else found
             of = config.seed if isinstance(config, Config) else seed or 0
-            sha256 = _sha256(f"{known.sha256} {of}") if source.scene else known.sha256
+            sha256 = digest_of(known, source, seed=of)
             if isinstance(config, Config):
                 run_id, error = id_of_run(code, to_toml(config), [sha256], known.side), ""
             else:
                 run_id, error = _sha256(f"{code} {sha256} {of} {sorted(values.items())!r}"), config
             yield Run(
                 run_id=run_id, source=source, kind=known.kind, input_sha256=sha256, seed=of, values=values,
-                config=config if isinstance(config, Config) else None, error=error,
+                config=config if isinstance(config, Config) else None, error=error, stamp=known.stamp,
             )  # fmt: skip
+
+
+def digest_of(known: Known, source: Source, *, seed: int) -> str:
+    """SHA-256 of what a run reads: of a recording, or of what a scene shows and of the seed of its noise."""
+    return _sha256(f"{known.sha256} {seed}") if source.scene else known.sha256
 
 
 def _unread(source: Source, known: Known) -> Run:

@@ -13,7 +13,7 @@ from pathlib import Path
 from maritrack.errors import InputError, UsageError
 from maritrack.io.documents import read_document, unpacked
 from maritrack.io.octets import octets_from_file
-from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_url, size_of
+from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_url, size_of, token_of
 from maritrack.io.source import Octets
 from maritrack.io.truth import document_kind, truth_names
 from maritrack.recording import PRESET_OF_KIND, kinds_of, side_documents
@@ -44,6 +44,7 @@ class Known:
     sha256: str  # of a scene: of what it shows, without the noise
     side: Mapping[str, str]  # SHA-256 of the documents beside it, by name
     error: str = ""  # why it can't be read
+    stamp: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,20 +119,38 @@ def octets_in(source: Source) -> int:
 
 def examine(source: Source) -> Known:
     """Kind and digests of an input; it is read once, in pieces. InputError where it can't be read."""
+    stamped = stamp(source)  # before it is read: what changes meanwhile is found
     if source.scene:
         scene = load_any(source.name)
         shown = f"{scene!r} {source.scans}"
         return Known(
             "points" if isinstance(scene, (PointScene, LidarScene)) else "cat240",
-            hashlib.sha256(shown.encode()).hexdigest(),
-            {},
-        )
+            hashlib.sha256(shown.encode()).hexdigest(), {}, stamp=stamped,
+        )  # fmt: skip
     with opened(source, seed=0) as found:
         digest = hashlib.sha256()
         for piece in found.octets.chunks:
             digest.update(piece)
         side = {name: hashlib.sha256(octets).hexdigest() for name, octets in found.side.items()}
-        return Known(found.kind, digest.hexdigest(), side)
+        return Known(found.kind, digest.hexdigest(), side, stamp=stamped)
+
+
+def stamp(source: Source) -> str:
+    """What changes when an input does, told without reading it: sizes and times of its files. InputError if it is gone.
+
+    Documents beside it are not in it, nor is a scene that comes with the package.
+    """
+    path = Path(source.name)
+    if is_url(source.name):
+        return token_of(source.name)
+    if source.scene and not path.exists():
+        return ""
+    try:
+        states = [(str(file), file.stat()) for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
+    except OSError as error:
+        raise InputError(f"{error.filename or path}: {error.strerror or error}") from None
+    told = [(name, state.st_size, state.st_mtime_ns) for name, state in states]
+    return hashlib.sha256(repr(told).encode()).hexdigest()
 
 
 @contextmanager

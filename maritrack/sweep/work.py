@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +14,11 @@ from maritrack.errors import FAILURES, UsageError, told
 from maritrack.job import Job, execute, run_silently
 from maritrack.manifest import code_digest
 from maritrack.settings import Config
-from maritrack.sweep.plan import Run
-from maritrack.sweep.sources import Opened, Source, opened
+from maritrack.sweep.plan import Run, digest_of
+from maritrack.sweep.sources import Opened, Source, examine, opened, stamp
 
 TOGETHER = 8  # runs that share one simulation of a scene
+CHANGED = "the input, or a document beside it, is not what it was when the sweep began"
 KILLED = "its process was killed, or ran out of memory"
 Row = dict[str, Any]
 
@@ -87,11 +89,23 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
     )  # fmt: skip
     try:
         summary, _ = execute(job) if keep else run_silently(job, ())
+        changed = summary["run_id"] != run.run_id or _changed(run)
     except FAILURES as error:
         return failed(run, told(error))
     if summary["interrupted"]:
         raise KeyboardInterrupt
+    if changed:  # its results are of another run than that of this id
+        if job.out is not None:
+            shutil.rmtree(job.out)
+        return failed(run, CHANGED)
     return Done(row_of(run) | results(summary), summary["timing"])
+
+
+def _changed(run: Run) -> bool:
+    """Whether an input is another one than was planned with: by its files, and where these are new, by its octets."""
+    return stamp(run.source) != run.stamp and digest_of(examine(run.source), run.source, seed=run.seed) != (
+        run.input_sha256
+    )
 
 
 def results(summary: Mapping[str, Any]) -> Row:

@@ -105,6 +105,34 @@ def test_a_run_that_fails_is_a_row_and_stops_nothing(tmp_path: Path) -> None:
     ends.write_bytes(FERRY.read_bytes())
 
 
+@pytest.mark.parametrize("what", [FERRY.name, "autoferry13_groundTruth.json"])
+def test_what_changes_after_the_plan_is_no_result_of_it(what: str, tmp_path: Path) -> None:
+    for name in (FERRY.name, "autoferry13_groundTruth.json"):
+        (tmp_path / name).write_bytes(FERRY.with_name(name).read_bytes())
+    runs = planned(tmp_path / FERRY.name, grid=["tracker=sprt"])
+    (tmp_path / what).write_bytes((tmp_path / what).read_bytes())  # another time, the same octets
+    assert not drive.sweep(runs, tmp_path / "a").failed
+    told = json.loads((tmp_path / what).read_text())
+    (tmp_path / what).write_text(json.dumps(told[3:] if isinstance(told, list) else told))
+    for keep in (False, True):
+        (row,) = drive.sweep(runs, tmp_path / f"b{keep}", keep=keep).rows
+        assert row["error"] == work.CHANGED and not row["metrics"]
+    assert not list((tmp_path / "bTrue").glob("runs/*"))
+    assert not drive.sweep(planned(tmp_path / FERRY.name, grid=["tracker=sprt"]), tmp_path / "a").failed
+
+
+def test_a_scene_that_changes_after_the_plan_is_no_result_of_it(tmp_path: Path) -> None:
+    scene = tmp_path / "s.toml"
+    scene.write_bytes((ROOT / "maritrack" / "scenes" / "crossing-3d.toml").read_bytes())
+    runs = planned(scene, grid=["tracker=engm-phd"], seeds=[1], scans=3)
+    assert not drive.sweep(runs, tmp_path / "a").failed
+    scene.write_text(scene.read_text() + "# another time, the same scene\n")
+    assert not drive.sweep(runs, tmp_path / "b").failed
+    scene.write_text(scene.read_text().replace("clutter_rate  = 10.0", "clutter_rate = 20.0"))
+    (row,) = drive.sweep(runs, tmp_path / "c").failed
+    assert row["error"] == work.CHANGED
+
+
 def test_settings_that_do_not_go_together_are_failed_rows(tmp_path: Path) -> None:
     grid = ["phd.birth_weight=0.05,0.01", "phd.prune_weight=0.001,0.02"]
     found = drive.sweep(planned(FERRY, grid=grid, limit=2), tmp_path)
@@ -185,6 +213,10 @@ def test_inputs_by_url_give_the_rows_of_files(swept: Path, tmp_path: Path) -> No
     rows = drive.sweep(planned(f"memory://bucket/{FERRY.name}"), tmp_path).rows
     assert {row["run_id"] for row in rows} == {path.stem for path in (swept / "rows").iterdir()}
     assert all(row["metrics"]["n_truth"] > 0 for row in rows)
+    runs = planned(f"memory://bucket/{FERRY.name}", grid=["tracker=sprt"])
+    with fsspec.open(f"memory://bucket/{FERRY.name}", "wb") as file:
+        file.write(FERRY.read_bytes().replace(b'"sensorID":', b'"sensorID": '))
+    assert [row["error"] for row in drive.sweep(runs, tmp_path / "changed").rows] == [work.CHANGED]
     with pytest.raises(InputError, match="no-such"):
         planned("memory://bucket/no-such.json")
 
