@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,10 @@ from typing import Any
 import pytest
 
 from maritrack.errors import InputError, UsageError
-from maritrack.job import Job, execute
+from maritrack.job import Job, execute, run_silently
 from maritrack.manifest import file_digest
 from maritrack.recording import kinds_of, open_inputs, side_documents
-from maritrack.sweep import drive, plan, work
+from maritrack.sweep import drive, plan, sources, work
 from maritrack.sweep.plan import Run, Settings, parse_axes, parse_seeds
 from maritrack.sweep.sources import Source, named
 from maritrack.sweep.store import read_table
@@ -103,6 +104,29 @@ def test_a_run_that_fails_is_a_row_and_stops_nothing(tmp_path: Path) -> None:
     assert "broken.json" in errors[0] and "ends.json" in errors[1] and errors[2] == ""
     assert [bool(row["error"]) for row in read_table(tmp_path / "out")] == [True, True, False]
     ends.write_bytes(FERRY.read_bytes())
+
+
+def test_a_run_that_fails_for_no_reason_we_know_is_a_row_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(job: Job, sinks: Sequence[Any]) -> Any:
+        if job.config.tracker_name == "sprt":
+            raise zlib.error("as of a library")
+        return run_silently(job, sinks)
+
+    monkeypatch.setattr(work, "run_silently", broken)
+    rows = drive.sweep(planned(FERRY, grid=["tracker=sprt,jipda"], limit=2), tmp_path).rows
+    assert [row["error"] for row in rows] == ["error: as of a library", ""]
+
+
+def test_an_input_that_fails_for_no_reason_we_know_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(source: Source) -> Any:
+        if source.name == "b":
+            raise zlib.error("as of a library")
+        return sources.examine(source)
+
+    monkeypatch.setattr(plan, "examine", broken)
+    assert [run.error for run in planned("b", FERRY, grid=[])] == ["error: as of a library", ""]
 
 
 @pytest.mark.parametrize("what", [FERRY.name, "autoferry13_groundTruth.json"])
