@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -67,7 +68,8 @@ def batch(
     names, others = recordings(places)
     if others:
         render.note(f"note: {len(others)} files are no recordings: {others[0]}, ...", quiet=quiet)
-    sources = named(names, truth=truth or (), own_ship=own_ship or ())
+    folder = str(Path.cwd()) if scheduler else ""  # relative paths are of here, wherever the workers stand
+    sources = named(names, truth=truth or (), own_ship=own_ship or (), folder=folder)
     over: dict[str, Any] = {"score": {"moving_only": True}} if moving else {}
     processes = opt.processes(workers)
     settings = Settings(preset=preset, file=config, sets=sets or (), over=over)

@@ -61,7 +61,8 @@ def sweep(
     from maritrack.sweep.sources import named
 
     axes, chosen = parse_axes(grid or ()), parse_seeds(seeds) if seeds else ()
-    sources = named(inputs, scans=scans, truth=truth or (), own_ship=own_ship or ())
+    folder = str(Path.cwd()) if scheduler else ""  # relative paths are of here, wherever the workers stand
+    sources = named(inputs, scans=scans, truth=truth or (), own_ship=own_ship or (), folder=folder)
     over: dict[str, Any] = {"input": {"limit": limit}} if limit is not None else {}
     over |= {"score": {"moving_only": True}} if moving else {}
     processes = opt.processes(workers)

@@ -19,6 +19,7 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 Tick = Callable[[int, int], None]  # pieces done, of how many
 Lost = Callable[[Item], Answer]  # the answer for a piece that ends its process
+ON = "what is finished stays: the same command goes on where it was"
 CONNECT_S = 20  # to wait for a scheduler
 AHEAD = 4  # pieces that a thread of a cluster has waiting: neither idle, nor all of a sweep in the scheduler's memory
 
@@ -106,7 +107,7 @@ def _over_cluster(
 ) -> Iterator[tuple[int, Answer]]:
     """Pieces over the workers of a cluster. Only items and answers pass through this process."""
     try:
-        from distributed import Client, KilledWorker, as_completed
+        from distributed import CancelledError, Client, KilledWorker, as_completed
     except ImportError:
         raise UsageError("--scheduler needs distributed", hint="pip install 'maritrack[dask]'") from None
     try:
@@ -129,6 +130,8 @@ def _over_cluster(
                 if lost is None:
                     raise
                 answer = (i, lost(items[i]))
+            except CancelledError:  # by nobody here
+                raise UsageError(f"--scheduler {scheduler}: the connection to it was lost", hint=ON) from None
             future.release()
             yield answer
 

@@ -6,7 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 
@@ -34,6 +34,7 @@ class Source:
     scans: int = 0  # of a scene; 0 = as many as it has
     truth: str = ""  # "" = what lies beside the recording
     own_ship: str = ""
+    folder: str = ""  # that relative paths are of; "" = where the process stands, as all on one machine do
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class Opened:
 
 
 def named(
-    names: Sequence[str], *, scans: int = 0, truth: Sequence[str] = (), own_ship: Sequence[str] = ()
+    names: Sequence[str], *, scans: int = 0, truth: Sequence[str] = (), own_ship: Sequence[str] = (), folder: str = ""
 ) -> tuple[Source, ...]:
     """The inputs of these names; `truth` and `own_ship` are none or one for each. A scene is a name or a .toml file."""
     for option, given in (("--truth", truth), ("--own-ship", own_ship)):
@@ -72,7 +73,7 @@ def named(
     return tuple(
         Source(
             name=name, scene=scene, scans=scans, truth=truth[i] if truth else "",
-            own_ship=own_ship[i] if own_ship else "",
+            own_ship=own_ship[i] if own_ship else "", folder=folder,
         )
         for i, (name, scene) in enumerate(zip(names, scenes, strict=True))
     )  # fmt: skip
@@ -109,6 +110,19 @@ def _is_recording(name: str) -> bool:
         return False
 
 
+def _placed(source: Source) -> Source:
+    """The source with paths that do not depend on where the process stands; names of scenes stay."""
+
+    def at(name: str, *, scene: bool = False) -> str:
+        path = Path(source.folder, name)
+        return name if not name or is_url(name) or (scene and not path.exists()) else str(path)
+
+    if not source.folder:
+        return source
+    name = at(source.name, scene=source.scene)
+    return replace(source, name=name, truth=at(source.truth), own_ship=at(source.own_ship), folder="")
+
+
 def octets_in(source: Source) -> int:
     """Size of a recording, -1 where nobody tells it."""
     try:
@@ -119,6 +133,7 @@ def octets_in(source: Source) -> int:
 
 def examine(source: Source) -> Known:
     """Kind and digests of an input; it is read once, in pieces. InputError where it can't be read."""
+    source = _placed(source)
     stamped = stamp(source)  # before it is read: what changes meanwhile is found
     if source.scene:
         scene = load_any(source.name)
@@ -140,6 +155,7 @@ def stamp(source: Source) -> str:
 
     Documents beside it are not in it, nor is a scene that comes with the package.
     """
+    source = _placed(source)
     path = Path(source.name)
     if is_url(source.name):
         return token_of(source.name)
@@ -156,6 +172,7 @@ def stamp(source: Source) -> str:
 @contextmanager
 def opened(source: Source, *, seed: int) -> Iterator[Opened]:
     """The input with what lies beside it; a scene is simulated with the noise of the seed, and gone afterwards."""
+    source = _placed(source)
     if source.scene:
         with tempfile.TemporaryDirectory(prefix="maritrack-") as folder:
             yield _opened(Source(name=str(_simulated(source, Path(folder), seed=seed))))

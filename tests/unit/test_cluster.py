@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from maritrack.errors import UsageError
 from maritrack.sweep import drive
 from maritrack.sweep.plan import Run, Settings, parse_axes, plan
 from maritrack.sweep.sources import named
@@ -29,7 +30,10 @@ QUICK = {"DASK_DISTRIBUTED__COMM__RETRY__COUNT": "0", "PYTHONPATH": str(ROOT), "
 def program(name: str, *arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A part of the cluster, which ends with the test."""
     command = (sys.executable, "-m", f"distributed.cli.dask_{name}", *arguments)
-    with log.open("wb") as file, subprocess.Popen(command, env=os.environ | QUICK, stdout=file, stderr=file) as process:
+    with (
+        log.open("wb") as file,
+        subprocess.Popen(command, env=os.environ | QUICK, stdout=file, stderr=file, cwd=ROOT) as process,
+    ):
         try:
             yield process
         finally:
@@ -49,24 +53,32 @@ def wait_for(text: str, log: Path) -> str:
     raise AssertionError(f"{text!r} has not come: {log.read_text() if log.exists() else 'no log'}")
 
 
-def planned(scheduler: str = "") -> list[Run]:
+def planned(scheduler: str = "", name: str = str(FERRY), folder: str = "") -> list[Run]:
     axes = parse_axes(["tracker=sprt,jipda,ipda", "model.p_detect=0.6,0.7,0.8,0.9"])
     return plan(
-        named([str(FERRY)]), axes=axes, seeds=(), settings=Settings(over={"input": {"limit": 150}}), scheduler=scheduler
-    )
+        named([name], folder=folder), axes=axes, seeds=(), settings=Settings(over={"input": {"limit": 150}}),
+        scheduler=scheduler,
+    )  # fmt: skip
+
+
+@contextmanager
+def cluster(folder: Path, n: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a scheduler, and its process with those of n workers, who stand in another folder than the test."""
+    with ExitStack() as stack:
+        log = folder / "scheduler.log"
+        scheduler = stack.enter_context(program("scheduler", *ALONE, "--port", "0", log=log))
+        address = wait_for("Scheduler at:", log).split()[-1]
+        logs = [folder / f"worker-{i}.log" for i in range(n)]
+        arguments = (address, *ALONE, *WORKER, "--local-directory", str(folder))
+        workers = [stack.enter_context(program("worker", *arguments, log=log)) for log in logs]
+        for worker_log in logs:
+            wait_for("Registered to", worker_log)
+        yield address, [scheduler, *workers]
 
 
 @pytest.mark.filterwarnings("default")  # of the cluster's own libraries
 def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path) -> None:
-    with ExitStack() as stack:
-        log = tmp_path / "scheduler.log"
-        stack.enter_context(program("scheduler", *ALONE, "--port", "0", log=log))
-        address = wait_for("Scheduler at:", log).split()[-1]
-        logs = [tmp_path / f"worker-{i}.log" for i in range(2)]
-        arguments = (address, *ALONE, *WORKER, "--local-directory", str(tmp_path))
-        workers = [stack.enter_context(program("worker", *arguments, log=log)) for log in logs]
-        for worker_log in logs:
-            wait_for("Registered to", worker_log)
+    with cluster(tmp_path, 2) as (address, (_, *workers)):
         done: list[int] = []
 
         def tick(n: int, _failed: int, _of: int) -> None:
@@ -81,3 +93,24 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path) -> None:
     assert {p.name: p.read_bytes() for p in (tmp_path / "out" / "rows").iterdir()} == {
         p.name: p.read_bytes() for p in (tmp_path / "alone" / "rows").iterdir()
     }
+
+
+@pytest.mark.filterwarnings("default")
+def test_relative_paths_are_of_who_asks_and_a_scheduler_that_ends_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rec.json").write_bytes(FERRY.read_bytes())
+    with cluster(tmp_path, 1) as (address, (scheduler, _)):
+        monkeypatch.chdir(tmp_path)
+        plain = planned("", "rec.json")
+        runs = planned(address, "rec.json", folder=str(tmp_path))
+        assert [run.run_id for run in runs] == [run.run_id for run in plain]
+
+        def tick(n: int, _failed: int, _of: int) -> None:
+            if n == 2:
+                scheduler.kill()
+
+        with pytest.raises(UsageError, match="lost"):
+            drive.sweep(runs, Path("out"), scheduler=address, tick=tick)
+    found = drive.sweep(plain, Path("out"))
+    assert found.reused >= 2 and not found.failed and {row["input"] for row in found.rows} == {"rec.json"}
