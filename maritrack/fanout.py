@@ -7,6 +7,7 @@ algebra.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
@@ -108,12 +109,15 @@ def _over_cluster(
     """Pieces over the workers of a cluster. Only items and answers pass through this process."""
     try:
         from distributed import CancelledError, Client, KilledWorker, as_completed
+        from distributed.comm import resolve_address
     except ImportError:
         raise UsageError("--scheduler needs distributed", hint="pip install 'maritrack[dask]'") from None
     try:
+        resolve_address(scheduler)  # a client that is given nonsense waits for a minute before it ends
         client: Any = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UsageError(f"--scheduler {scheduler}: {error}", hint="as in tcp://127.0.0.1:8786") from None
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it has to say is told below
     with client:
         number: dict[str, int] = {}
         send = partial(_send, client, work, number)

@@ -97,7 +97,7 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("default")
 def test_relative_paths_are_of_who_asks_and_a_scheduler_that_ends_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "rec.json").write_bytes(FERRY.read_bytes())
     with cluster(tmp_path, 1) as (address, (scheduler, _)):
@@ -112,5 +112,6 @@ def test_relative_paths_are_of_who_asks_and_a_scheduler_that_ends_is_told(
 
         with pytest.raises(UsageError, match="lost"):
             drive.sweep(runs, Path("out"), scheduler=address, tick=tick)
+        assert not [record for record in caplog.records if record.name == "distributed.client"]
     found = drive.sweep(plain, Path("out"))
     assert found.reused >= 2 and not found.failed and {row["input"] for row in found.rows} == {"rec.json"}

@@ -68,5 +68,6 @@ def test_linear_algebra_has_one_thread_a_piece(workers: int) -> None:
 def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr("maritrack.fanout.CONNECT_S", 1)
-    with pytest.raises(UsageError, match="--scheduler"):
-        list(fan_out(square, [1], scheduler="tcp://127.0.0.1:1"))
+    for address in ("tcp://127.0.0.1:1", "nonsense", "http://127.0.0.1:1"):
+        with pytest.raises(UsageError, match=f"--scheduler {address}: "):
+            list(fan_out(square, [1], scheduler=address))
