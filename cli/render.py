@@ -132,14 +132,14 @@ def runs(*, quiet: bool) -> Iterator[Any]:
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    begun, first = time.monotonic(), [-1]
+    begun: list[tuple[int, float]] = []
 
     def tick(done: int, failed: int, of: int) -> None:
-        if first[0] < 0:  # some were finished before
-            first[0] = done - 1
-        spent, now = time.monotonic() - begun, done - first[0]
-        rate, left_s = now / max(spent, 1e-9), spent * (of - done) / now
-        text = f"runs {done} of {of}  {failed} failed  {rate:.2g}/s  {left_s:.0f} s left"
+        if not begun:  # the first call tells what was finished before
+            begun.append((done, time.monotonic()))
+        spent, now = time.monotonic() - begun[0][1], done - begun[0][0]
+        text = f"runs {done} of {of}  {failed} failed"
+        text += f"  {now / max(spent, 1e-9):.2g}/s  {spent * (of - done) / now:.0f} s left" if now else ""
         print("\r\x1b[2K" + text, end="", file=sys.stderr, flush=True)
 
     try:

@@ -64,6 +64,8 @@ def _sweep(
             done[run.run_id] = bool(old["error"])
     reused, failed = len(done), sum(done.values())
     left = pieces([run for run in runs if run.run_id not in done], keep=str((out / RUNS).resolve()) if keep else "")
+    if tick is not None:
+        tick(reused, failed, len(runs))
     try:
         for _, answer in fan_out(work, left, workers=workers, scheduler=scheduler, lost=lost):
             for one in answer:

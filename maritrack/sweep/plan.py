@@ -20,6 +20,7 @@ from maritrack.tune.grids import parse_axis, parse_numbers
 from maritrack.tune.tracking import TRACKER, configurations
 
 MOST_RUNS = 1_000_000
+MOST_SEED = 1 << 53  # from here on not all whole numbers are floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +54,8 @@ def parse_axes(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
     axes = {TRACKER if key == "tracker" else key: values for key, values in parsed}
     if len(axes) < len(parsed) or "seed" in axes:
         raise UsageError("--grid: each key once, and seeds with --seeds")
+    if "preset" in axes:
+        raise UsageError("--grid preset: a sweep has one preset", hint="one sweep for each, into folders of their own")
     return axes
 
 
@@ -62,8 +65,8 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     UsageError where that is none, or not of whole numbers from 0 on.
     """
     values = parse_numbers(text, name="--seeds")
-    if not all(value == int(value) and value >= 0 for value in values):
-        raise UsageError(f"--seeds {text}: whole numbers from 0 on")
+    if not all(value == int(value) and 0 <= value < MOST_SEED for value in values):
+        raise UsageError(f"--seeds {text}: whole numbers from 0 on, below 2^53")
     stop = float(text.split(":")[1]) if ":" in text else math.inf
     seeds = tuple(int(value) for value in values if value < stop)
     if not seeds:

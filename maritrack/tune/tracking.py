@@ -90,6 +90,7 @@ def configurations(
         return config
 
     load({})
+    grid = combinations(axes)
     for key, tried in axes.items():
         for value in tried:
             try:
@@ -98,7 +99,7 @@ def configurations(
                 option = f"--tracker {value}" if key == TRACKER else f"--grid {key}={value}"
                 raise ConfigError(f"{option}: {error}", hint=error.hint) from None
     found: list[tuple[dict[str, Any], Config | str]] = []
-    for values in combinations(axes):
+    for values in grid:
         try:
             found.append((values, load(values)))
         except ConfigError as error:

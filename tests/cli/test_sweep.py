@@ -93,10 +93,13 @@ class Terminal(io.StringIO):
 def test_progress_tells_done_failed_rate_and_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = Terminal()
     monkeypatch.setattr(sys, "stderr", shown)
+    now = iter([100.0, 100.0, 104.0])
+    monkeypatch.setattr(time, "monotonic", lambda: next(now))
     with render.runs(quiet=False) as tick:
-        tick(31, 1, 40)  # thirty were finished before
-        tick(32, 1, 40)
-    assert "runs 32 of 40  1 failed" in shown.getvalue() and "/s  " in shown.getvalue() and "s left" in shown.getvalue()
+        tick(24, 1, 40)  # finished before
+        tick(32, 1, 40)  # the first piece is of eight runs
+    first, second = shown.getvalue().split("\r\x1b[2K")[1:3]
+    assert first == "runs 24 of 40  1 failed" and second == "runs 32 of 40  1 failed  2/s  4 s left"
     with render.runs(quiet=True) as tick:
         assert tick is None
     monkeypatch.setattr(sys, "stderr", io.StringIO())

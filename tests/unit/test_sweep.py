@@ -75,7 +75,9 @@ def test_what_is_finished_is_not_run_again(swept: Path, tmp_path: Path, monkeypa
     (tmp_path / "rows" / "half.json.partial").write_bytes(b"{")
     ran: list[str] = []
     monkeypatch.setattr(drive, "work", lambda piece: ran.extend(r.run_id for r in piece.runs) or work.work(piece))
-    found = drive.sweep(planned(FERRY), tmp_path)
+    told: list[tuple[int, int, int]] = []
+    found = drive.sweep(planned(FERRY), tmp_path, tick=lambda *counts: told.append(counts))
+    assert told == [(3, 0, 4), (4, 0, 4)]
     assert ran == [planned(FERRY)[3].run_id] and found.reused == 3
     assert untimed(tmp_path) == untimed(swept)
 
@@ -254,11 +256,15 @@ def test_a_worker_of_other_code_is_an_error() -> None:
 def test_wrong_use_is_told() -> None:
     assert parse_seeds("0:3") == (0, 1, 2)
     assert (parse_seeds("0:7:3"), parse_seeds("4,2"), len(parse_seeds("0:100"))) == ((0, 3, 6), (2, 4), 100)
-    for text in ("-1:2", "0.5", "x", "3:3"):
+    for text in ("-1:2", "0.5", "x", "3:3", str(2**53 + 1)):
         with pytest.raises(UsageError):
             parse_seeds(text)
     with pytest.raises(UsageError, match="once"):
         parse_axes(["seed=1,2"])
+    with pytest.raises(UsageError, match="one preset"):
+        parse_axes(["preset=radar,points"])
+    with pytest.raises(UsageError, match="1000000 combinations"):
+        planned(FERRY, grid=[f"{key}=0.001:1:0.001" for key in ("model.p_detect", "model.gate_probability")])
     with pytest.raises(UsageError, match="1 --truth for 2"):
         named(["a", "b"], truth=["t"])
     assert named(["harbour"], scans=3) == (Source(name="harbour", scene=True, scans=3),)
