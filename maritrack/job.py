@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -159,15 +160,20 @@ def only_one(folder: Path) -> Iterator[None]:
     except ImportError:  # not on this system: no lock
         yield
         return
-    with (folder / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UsageError(f"{folder}: another run is writing here", hint="choose another folder with -o") from None
-        try:
-            yield
-        finally:
-            (folder / ".lock").unlink(missing_ok=True)
+    while True:
+        with (folder / ".lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                hint = "choose another folder with -o"
+                raise UsageError(f"{folder}: another run is writing here", hint=hint) from None
+            if os.fstat(lock.fileno()).st_nlink == 0:  # of a run that has just ended: who comes now opens another one
+                continue
+            try:
+                yield
+            finally:
+                (folder / ".lock").unlink(missing_ok=True)
+            return
 
 
 def unlink(folder: Path, *names: str) -> None:
