@@ -29,8 +29,11 @@ def write_row(folder: Path, done: Done) -> None:
     """Write what came of a run: times first, then, all at once, the row that says that it is finished."""
     run_id = done.row["run_id"]
     if done.timing:
-        with (folder / TIMINGS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"run_id": run_id, **done.timing}) + "\n")
+        line = json.dumps({"run_id": run_id, **done.timing}) + "\n"
+        with (folder / TIMINGS).open("ab+") as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - 1, 0))
+            broken = file.read() not in (b"", b"\n")  # the last line, of a process that was killed
+            file.write(b"\n" * broken + line.encode())
     _replace(folder / ROWS / f"{run_id}.json", json_octets(done.row))
 
 

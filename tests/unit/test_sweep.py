@@ -185,6 +185,15 @@ def test_a_row_that_was_damaged_is_run_again(tmp_path: Path, damage: bytes) -> N
     assert again.reused == 1 and list(again.rows) == list(before)
 
 
+def test_a_line_of_times_that_broke_off_takes_no_other_with_it(tmp_path: Path) -> None:
+    runs = planned(FERRY, grid=["tracker=sprt,ipda"], limit=2)
+    drive.sweep(runs[:1], tmp_path)
+    times = tmp_path / "timings.jsonl"
+    times.write_text(times.read_text() + '{"run_id": "')
+    drive.sweep(runs, tmp_path)
+    assert [row["timing.total_s"] > 0 for row in read_table(tmp_path)] == [True, True]
+
+
 def test_a_configuration_that_was_damaged_is_run_again(tmp_path: Path) -> None:
     runs = planned(FERRY, grid=["tracker=sprt"], limit=2)
     before = drive.sweep(runs, tmp_path).rows
