@@ -39,10 +39,10 @@ class ImageConfig:
     blob_min_m: float = 25.0  # of a blob across; dataset, step (c)
     blob_max_m: float = 150.0
     sigmas_px: tuple[float, ...] = ()  # scales of blobs; () = from blob_min_m to blob_max_m
-    blob_threshold: float = 0.003  # least determinant of the Hessian, strength within 0..1
+    blob_threshold: float = 0.001  # least determinant of the Hessian, strength within 0..1
     blob_overlap: float = 0.5  # of two blobs that share more of the smaller one, this one goes
     blob_reach: float = 1.5  # points lie within so many sigma of a blob's centre
-    min_pixels: int = 4  # that touch: echoes and blobs of fewer are specks
+    min_pixels: int = 4  # that touch: echoes of fewer are specks
 
     def __post_init__(self) -> None:
         require(len(self.centre_px) in (0, 2), "images.centre_px is [x, y]")

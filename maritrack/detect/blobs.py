@@ -61,20 +61,18 @@ def detect_blobs(scan: Scan, config: ImageConfig, *, latency_ns: int = 0, max_po
 
 
 def find_blobs(strength: NDArray[np.uint8], pixel_m: float, config: ImageConfig) -> Found:
-    """Blobs with at least `min_pixels` points, and the points: pixels over the threshold within a blob's reach.
+    """Blobs, and their points: pixels over the threshold within a blob's reach, each of the nearest blob.
 
-    What is below the threshold, and echoes of fewer pixels that touch, are taken out before blobs are looked for.
-    Source: dataset, sec. 3.1, step (b)
+    What is below the threshold, and echoes of fewer than `min_pixels` that touch, are taken out before blobs are looked
+    for; so a blob may have fewer where it shares an echo with others.   Source: dataset, sec. 3.1, step (b)
     """
     least = max(1, math.ceil(255.0 * config.threshold))
     left = without_specks(np.where(strength >= least, strength, np.uint8(0)), config.min_pixels)
     scales = config.sigmas_px or scales_px(config.blob_min_m, config.blob_max_m, pixel_m)
     seen = blobs(left, sorted(scales), threshold=config.blob_threshold, overlap=config.blob_overlap)
     row, column, blob = under(left, seen, config.blob_reach)
-    enough = np.bincount(blob, minlength=len(seen)) >= config.min_pixels
-    keep = enough[blob]
-    rank = np.cumsum(enough) - 1
-    return Found(take(seen, enough), row[keep], column[keep], rank[blob[keep]])
+    some = np.bincount(blob, minlength=len(seen)) > 0
+    return Found(take(seen, some), row, column, (np.cumsum(some) - 1)[blob])
 
 
 def without_specks(strength: NDArray[np.uint8], min_pixels: int) -> NDArray[np.uint8]:

@@ -149,7 +149,7 @@ def _folder(images: Path, scene: Campaign) -> None:
 def image_settings(scene: Campaign) -> ImageConfig:
     """What reads the screenshots: centre, scale, disc, rings and panels; the heading line is told by its colour.
 
-    Each colour of an echo is over the threshold, and blobs are found of the weakest one.
+    Each colour of an echo is over the threshold, and blobs are found of few pixels of the weakest one.
     """
     look = scene.display
     grey = float(np.array(look.ramp[0]) @ np.array(GREY)) / 255.0
@@ -161,6 +161,6 @@ def image_settings(scene: Campaign) -> ImageConfig:
         polygons_px=tuple((float(x0), float(y0), float(x1), float(y0), float(x1), float(y1), float(x0), float(y1))
                           for x0, y0, x1, y1 in look.panels),
         interface=("#{:02x}{:02x}{:02x}".format(*look.line),), threshold=round(WEAKEST * grey, 3),
-        blob_threshold=0.001, blob_reach=2.0,
+        blob_threshold=0.0005, blob_reach=2.0,
         blob_min_m=4.0 * look.pixel_m if look.pixel_m < 10 else 25.0,
     )  # fmt: skip

@@ -49,6 +49,37 @@ def test_of_vessels_above_three_pixels_95_in_100_are_found_with_less_than_one_fa
     assert false < frames
 
 
+def boats(look: Look, *, seed: int) -> Echoes:
+    """Small and weak vessels, most of them few pixels across the beam."""
+    rng = np.random.default_rng(seed)
+    length_m = rng.choice([8.0, 12.0, 15.0], 12)
+    return replace(
+        fleet(look, n=12, seed=seed), length_m=length_m, width_m=length_m / 4, strength=rng.uniform(0.5, 1.0, 12)
+    )
+
+
+@pytest.mark.parametrize("look", [DAAN, MANV], ids=["12 m a pixel", "6 m a pixel"])
+def test_of_boats_above_three_pixels_95_in_100_are_found_too(look: Look) -> None:
+    config = settings_of(look, palette="red")
+    mask, palette = picture_mask(config, look.width, look.height), Palette(config)
+    large = found = 0
+    for seed in range(15):
+        echoes = boats(look, seed=seed)
+        pixels = render(look, echoes, seed=seed, specks=60)
+        strength = palette.strength(np.concatenate([pixels, pixels[:, :, :1]], axis=2)) * mask
+        blobs = find_blobs(strength, look.pixel_m, config)
+        counts = judged(look, echoes, strength, blobs, least=math.ceil(255 * config.threshold))
+        large, found = large + counts[0], found + counts[1]
+    assert large > 50 and found >= 0.95 * large
+
+
+def test_an_echo_of_few_pixels_that_two_blobs_share_is_found() -> None:
+    strength = np.zeros((90, 100), np.uint8)
+    strength[[40, 41, 42, 43, 44], [54, 53, 52, 51, 50]] = 240
+    found = find_blobs(strength, 12.0, ImageConfig())
+    assert len(found.blobs) == 2 and len(found.row) == 5
+
+
 def scan_of(strength: np.ndarray, *, up_rad: float = 0.0) -> Scan:
     picture = Picture(strength, (50.0, 40.0), 10.0, up_rad)
     sensor = Sensor("radar", 10.0, 0.0, math.inf)

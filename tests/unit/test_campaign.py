@@ -17,6 +17,7 @@ from maritrack.io.octets import octets_from_bytes
 from maritrack.io.pointjson import PointSource
 from maritrack.io.reference import truth_at
 from maritrack.io.truth import read_reference
+from maritrack.reproduce.dataset_images import judged
 from maritrack.settings import InputConfig
 from maritrack.simulate.campaign import Campaign, echoes_of, grabbed, reference_of
 from maritrack.simulate.campaignwriter import scan_of, simulate_campaign
@@ -139,6 +140,14 @@ def test_screenshots_show_the_points(tmp_path: Path) -> None:
     away = np.hypot(*(got[:, None] - mine[None]).transpose(2, 0, 1))
     assert len(mine) >= 4 and (away.min(axis=0) < 2 * scene.display.pixel_m).all()
     assert (np.hypot(*(got - own).T) < scene.display.radius_px * scene.display.pixel_m).all()
+
+
+def test_the_boat_of_daan_is_found_in_screenshots_where_it_is_four_or_five_pixels() -> None:
+    """Frames of four seeds in which it is as small; the ship is the other vessel."""
+    small = {1: (138, 286, 752), 2: (310, 442, 714), 3: (109, 303, 653), 4: (47, 467, 763)}
+    seen = [judged(("daan", k, seed)) for seed, steps in small.items() for k in steps]
+    assert all(one.vessels == 2 for one in seen)
+    assert sum(one.found for one in seen) == 2 * len(seen) and sum(one.false for one in seen) == 0
 
 
 @pytest.mark.parametrize(
