@@ -1,6 +1,6 @@
 """k-means with the number of clusters by an index of how well they are apart, and a rule for what no index can tell.
 
-Fowdur, Baum, Heymann 2021, section 3.2, with scikit-learn's k-means++ and indices. All three indices are undefined for
+Fowdur, Baum, Heymann 2021, section 3.2; two of the indices are scikit-learn's. All three indices are undefined for
 one cluster, and the paper has no rule for it. `gap` (the default): there are no more clusters than groups of points
 that a gap wider than `eps_m` parts (single linkage), so that one vessel is one cluster however long it is, and
 Calinski-Harabasz doesn't cut long echoes in two. `spread`: one cluster where the root mean square distance from the
@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from maritrack.cluster.dbscan import dbscan
+from maritrack.cluster.lloyd import lloyd
 from maritrack.settings import ClusterConfig
 from maritrack.types import FloatArray, IntArray
 
 MOST_POINTS = 4000  # take part in the search; of more every n-th, and all then go to their nearest centroid
-STARTS = 10
 
 
 def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
@@ -41,12 +41,11 @@ def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
         label[order] = nearest(z, np.unique(sample, axis=0))
         return label
     best, chosen = -np.inf, sample.mean(axis=0, keepdims=True)
-    with _controller().limit(limits=1):  # sums by several threads depend on who comes first
-        for k in range(2, min(most, distinct - 1) + 1):
-            centre, mine = fit(sample, k, seed=config.kmeans_seed)
-            value = INDEX[config.k_index](sample, mine)
-            if value > best:
-                best, chosen = value, centre
+    for k in range(2, min(most, distinct - 1) + 1):
+        centre, mine = lloyd(sample, k, seed=config.kmeans_seed)
+        value = INDEX[config.k_index](sample, mine)
+        if value > best:
+            best, chosen = value, centre
     label[order] = nearest(z, chosen)
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
@@ -60,48 +59,47 @@ def most_clusters(position_m: FloatArray, config: ClusterConfig) -> int:
     return min(config.k_max, groups)
 
 
-def fit(z: FloatArray, k: int, *, seed: int) -> tuple[FloatArray, IntArray]:
-    """Centroids (k, 2) and the cluster of each point (n,), the best of some starts by k-means++."""
-    from sklearn.cluster import KMeans
-
-    found = KMeans(k, n_init=STARTS, random_state=seed, copy_x=True).fit(z)
-    return np.asarray(found.cluster_centers_), np.asarray(found.labels_, np.int64)
-
-
 def nearest(z: FloatArray, centre: FloatArray) -> IntArray:
     """The nearest centroid of each point (n,)."""
     square = ((z[:, None, :] - centre[None, :, :]) ** 2).sum(axis=-1)
     return np.asarray(square.argmin(axis=1), np.int64)
 
 
-def _calinski_harabasz(z: FloatArray, label: IntArray) -> float:
-    from sklearn.metrics import calinski_harabasz_score
-
-    return float(calinski_harabasz_score(z, label))
+def calinski_harabasz(z: FloatArray, label: IntArray) -> float:
+    """Spread of the centroids over that of the points about them, each by its degrees of freedom."""
+    n, count = len(z), np.bincount(label)
+    k = int((count > 0).sum())
+    sums = np.stack([np.bincount(label, z[:, axis]) for axis in (0, 1)], axis=1)
+    within = float(((z - (sums / np.maximum(count, 1)[:, None])[label]) ** 2).sum())
+    between = float(((z - z.mean(axis=0)) ** 2).sum()) - within
+    return between * (n - k) / (within * (k - 1)) if within > 0.0 else 1.0
 
 
 def _davies_bouldin(z: FloatArray, label: IntArray) -> float:
     from sklearn.metrics import davies_bouldin_score
 
-    return -float(davies_bouldin_score(z, label))  # the smaller the better
+    with _controller().limit(limits=1):
+        return -float(davies_bouldin_score(z, label))  # the smaller the better
 
 
 def _silhouette(z: FloatArray, label: IntArray) -> float:
     from sklearn.metrics import silhouette_score
 
-    return float(silhouette_score(z, label))
-
-
-INDEX: dict[str, Callable[[FloatArray, IntArray], float]] = {
-    "calinski-harabasz": _calinski_harabasz,
-    "davies-bouldin": _davies_bouldin,
-    "silhouette": _silhouette,
-}
+    with _controller().limit(limits=1):
+        return float(silhouette_score(z, label))
 
 
 @cache
 def _controller() -> Any:
-    import sklearn.cluster  # noqa: F401 - its library of threads has to be there to be found
+    """Of the library's threads: sums by several depend on who comes first."""
+    import sklearn.metrics  # noqa: F401 - its library of threads has to be there to be found
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
+
+
+INDEX: dict[str, Callable[[FloatArray, IntArray], float]] = {
+    "calinski-harabasz": calinski_harabasz,
+    "davies-bouldin": _davies_bouldin,
+    "silhouette": _silhouette,
+}
