@@ -164,7 +164,8 @@ def stamp(source: Source) -> str:
     try:
         states = [(str(file), file.stat()) for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
     except OSError as error:
-        raise InputError(f"{error.filename or path}: {error.strerror or error}") from None
+        reason = error.strerror or str(error)
+        raise InputError(f"{error.filename or path}: {reason[:1].lower()}{reason[1:]}") from None
     told = [(name, state.st_size, state.st_mtime_ns) for name, state in states]
     return hashlib.sha256(repr(told).encode()).hexdigest()
 

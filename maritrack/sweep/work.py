@@ -89,7 +89,7 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
     )  # fmt: skip
     try:
         summary, _ = execute(job) if keep else run_silently(job, ())
-        changed = summary["run_id"] != run.run_id or _changed(run)
+        changed = _changed(run, summary["run_id"])
     except Exception as error:  # whatever it is, the rest goes on
         return failed(run, told(error))
     if summary["interrupted"]:
@@ -101,11 +101,16 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
     return Done(row_of(run) | results(summary), summary["timing"])
 
 
-def _changed(run: Run) -> bool:
-    """Whether an input is another one than was planned with: by its files, and where these are new, by its octets."""
-    return stamp(run.source) != run.stamp and digest_of(examine(run.source), run.source, seed=run.seed) != (
-        run.input_sha256
-    )
+def _changed(run: Run, ran: str) -> bool:
+    """Whether a run read another input than was planned with: by its files, and where these are new, by its octets.
+
+    The id of what `ran` tells it of the documents beside a recording; a scene has none, its truth is of the same seed.
+    """
+    if ran != run.run_id and not run.source.scene:
+        return True
+    if stamp(run.source) == run.stamp:
+        return False
+    return digest_of(examine(run.source), run.source, seed=run.seed) != run.input_sha256
 
 
 def results(summary: Mapping[str, Any]) -> Row:
