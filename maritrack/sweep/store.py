@@ -11,8 +11,10 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from maritrack.sweep.work import Done, Row
 
 ROWS, TIMINGS, RUNS, TABLE = "rows", "timings.jsonl", "runs", "results"
 FIRST = ("run_id", "input", "kind", "tracker", "preset", "seed", "error")
+SEED = re.compile(r"^seed = .*\n", re.MULTILINE)  # of a configuration: the table has it anyway
 Cells = dict[str, Any]
 
 
@@ -68,8 +71,14 @@ def cells(row: Row, timing: Mapping[str, float]) -> Cells:
     flat |= {name: math.nan if value is None else value for name, value in row["metrics"].items()}
     flat |= {f"counts.{name}": value for name, value in row["counts"].items()}
     flat["input_sha256"] = row["input_sha256"]
-    flat |= _settings(tomllib.loads(row["config"])) if row["config"] else dict(row["values"])
+    flat |= _settings_of(SEED.sub("", row["config"], 1)) if row["config"] else dict(row["values"])
     return flat | {f"timing.{name}": value for name, value in timing.items()}
+
+
+@lru_cache(maxsize=1024)
+def _settings_of(config: str) -> Mapping[str, Any]:
+    """Settings by key: those of runs that differ in their seed alone are read once, and in memory once."""
+    return _settings(tomllib.loads(config))
 
 
 def _settings(table: Mapping[str, Any], prefix: str = "") -> Cells:
@@ -82,15 +91,13 @@ def _settings(table: Mapping[str, Any], prefix: str = "") -> Cells:
     return flat
 
 
-def write_table(folder: Path, rows: Sequence[Row]) -> dict[str, str]:
+def write_table(folder: Path, rows: Iterable[Row]) -> dict[str, str]:
     """Write the table of these rows as Parquet and CSV; their paths."""
     import pyarrow as pa  # type: ignore[import-untyped]
     from pyarrow import csv, parquet
 
-    timings = read_timings(folder)
-    flat = [cells(row, timings.get(row["run_id"], {})) for row in rows]
-    names = sorted(dict.fromkeys(name for one in flat for name in one), key=_place(flat))
-    table = pa.table({name: _column([one.get(name) for one in flat]) for name in names})
+    columns = _columns(rows, read_timings(folder))
+    table = pa.table({name: _column(columns.pop(name)) for name in list(columns)})
     paths = {kind: folder / f"{TABLE}.{kind}" for kind in ("parquet", "csv")}
     for kind, write in (("parquet", parquet.write_table), ("csv", csv.write_csv)):
         partial = paths[kind].with_name(paths[kind].name + ".partial")
@@ -99,11 +106,23 @@ def write_table(folder: Path, rows: Sequence[Row]) -> dict[str, str]:
     return {kind: str(path) for kind, path in paths.items()}
 
 
-def _place(flat: Sequence[Cells]) -> Any:
-    """Where a column stands: in the order of the rows that have all, times last."""
-    full = max(flat, key=len, default={})
+def _columns(rows: Iterable[Row], timings: Mapping[str, Mapping[str, float]]) -> dict[str, list[Any]]:
+    """Values by column, None where a row has none; columns in the order of the row that has most, times last."""
+    columns: dict[str, list[Any]] = {}
+    full: Sequence[str] = ()
+    n = 0
+    for row in rows:
+        one = cells(row, timings.get(row["run_id"], {}))
+        for name, value in one.items():
+            column = columns.setdefault(name, [])
+            column.extend([None] * (n - len(column)))
+            column.append(value)
+        full, n = full if len(full) >= len(one) else tuple(one), n + 1
+    for column in columns.values():
+        column.extend([None] * (n - len(column)))
     order = {name: i for i, name in enumerate(full)}
-    return lambda name: (name.startswith("timing."), order.get(name, len(order)), name)
+    names = sorted(columns, key=lambda name: (name.startswith("timing."), order.get(name, len(order)), name))
+    return {name: columns[name] for name in names}
 
 
 def _column(values: Sequence[Any]) -> Any:

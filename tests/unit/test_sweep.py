@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -183,6 +184,22 @@ def test_a_row_that_was_damaged_is_run_again(tmp_path: Path, damage: bytes) -> N
     row.write_bytes(damage.replace(b"%s", runs[0].run_id.encode()))
     again = drive.sweep(runs, tmp_path)
     assert again.reused == 1 and list(again.rows) == list(before)
+
+
+def test_a_table_has_each_setting_and_number_of_each_row(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.json"
+    broken.write_text("no recording")
+    runs = planned(broken, FERRY, grid=["tracker=sprt,ipda"], seeds=[1, 2], limit=2)
+    rows = drive.sweep(runs, tmp_path / "out").rows
+    table = read_table(tmp_path / "out")
+    assert [row["run_id"] for row in table] == [run.run_id for run in runs] and len(table) == 5
+    assert [row["seed"] for row in table] == [0, 1, 1, 2, 2]
+    assert table[0]["gospa"] is None and "broken" in table[0]["error"] and table[0]["model.p_detect"] is None
+    for told, flat in zip(rows[1:], table[1:], strict=True):
+        config = tomllib.loads(told["config"])
+        assert flat["model.p_detect"] == config["model"]["p_detect"] and flat["tracker"] == config["tracker_name"]
+        assert flat["gospa"] == told["metrics"]["gospa"] and flat["counts.points"] == told["counts"]["points"]
+        assert flat["timing.total_s"] > 0
 
 
 def test_a_line_of_times_that_broke_off_takes_no_other_with_it(tmp_path: Path) -> None:
