@@ -62,6 +62,8 @@ def diff(
     floats = Tolerance(rtol, atol)
     allowed = read_tolerances(tolerances, floats=floats) if tolerances is not None else Tolerances(floats)
     found = compare(a, b, tolerances=allowed, only=only.value if only else None, limit=ALL if all_ else SHOWN)
+    if unused := allowed.unused(found.parts):
+        render.note(f"note: {tolerances}: neither run has {', '.join(unused)}", quiet=False)
     if junit is not None:
         from maritrack.junit import junit_octets
 

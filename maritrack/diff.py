@@ -87,11 +87,12 @@ def diff(
         part = parts.get(name, Part())
         parts[name] = Part(part.n + 1, part.first or difference)
     manifests = (sides[0].manifest, sides[1].manifest)
+    both = all(manifests)  # a summary has none
     return Diff(
         differences=tuple(kept), count=sum(part.n for part in parts.values()), metrics=metrics,
         manifest=tuple(
             Difference("manifest", -1, name, *pair)
-            for name, pair in _table_changes("manifest", *manifests, tolerance).items()
+            for name, pair in (_table_changes("manifest", *manifests, tolerance) if both else {}).items()
         ),
         n_scans=min(side.n_scans for side in sides) if only != "metrics" else 0, parts=parts,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,6 +49,16 @@ class Tolerances:
         """That of a column or entry of a part."""
         usual = NOTHING if part in EXACT else self.floats
         return self.own.get(f"{part}.{name}", self.own.get(f"{part}.{ALL}", usual))
+
+    def unused(self, compared: Collection[str]) -> list[str]:
+        """Metrics and counts with a tolerance that are not among those compared ("metrics.gospa"): mistyped?
+
+        Warnings are not meant: a run may have none.
+        """
+        parts = {part for part in ("metrics", "counts") if any(name.startswith(f"{part}.") for name in compared)}
+        told = (name.partition(".") for name in self.own)
+        return [f"{part}.{name}" for part, _, name in told if part in parts and name != ALL
+                and not name.startswith("warnings.") and f"{part}.{name}" not in compared]  # fmt: skip
 
 
 def read_tolerances(path: Path, *, floats: Tolerance) -> Tolerances:

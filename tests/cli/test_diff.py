@@ -91,5 +91,9 @@ def test_tolerances_and_junit(finished_run: Path, other: Path, tmp_path: Path) -
     )
     assert call("diff", finished_run, other, "--tolerances", rules, "--junit", report).code == 1
     assert b"<failure" in report.read_bytes()
+    rules.write_text("[metrics]\ngopsa = 1.0")
+    done = call("diff", summary, other, "--tolerances", rules, "--md")
+    assert done.code == 1 and done.err == f"note: {rules}: neither run has metrics.gopsa\n"
+    assert "runs of another" not in done.out  # a summary says nothing of it
     rules.write_text("[nix]\na = 1")
     assert "unknown key 'nix'" in call("diff", summary, other, "--tolerances", rules).error

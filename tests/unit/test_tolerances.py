@@ -58,6 +58,14 @@ def test_a_file_that_makes_no_sense_is_told(tmp_path: Path, text: str) -> None:
         told(tmp_path, text)
 
 
+def test_names_that_nothing_has_are_told(tmp_path: Path) -> None:
+    a = summary(tmp_path / "a.json", 40.0, 1000)
+    some = told(tmp_path, "[metrics]\ngospa = 1\ngopsa = 1\n'*' = 1\n[counts]\npoint = 1\nwarnings.gap = 1\n")
+    assert some.unused(diff(a, a).parts) == ["metrics.gopsa", "counts.point"]
+    assert some.unused(diff(a, a, only="metrics").parts) == ["metrics.gopsa"]
+    assert told(tmp_path, "[tracks]\nx = 1").unused(diff(a, a).parts) == []
+
+
 def test_a_case_for_all_that_was_compared_and_a_failure_for_all_that_differs(tmp_path: Path) -> None:
     a, b = summary(tmp_path / "a.json", 100.0, 1000), summary(tmp_path / "b.json", 101.0, 1000)
     octets = junit_octets(diff(a, b), a="golden", b="now")
