@@ -138,9 +138,8 @@ def runs(*, quiet: bool) -> Iterator[Any]:
         if not begun:  # the first call tells what was finished before
             begun.append((done, time.monotonic()))
         spent, now = time.monotonic() - begun[0][1], done - begun[0][0]
-        text = f"runs {done} of {of}  {failed} failed"
-        text += f"  {now / max(spent, 1e-9):.2g}/s  {spent * (of - done) / now:.0f} s left" if now else ""
-        print("\r\x1b[2K" + text, end="", file=sys.stderr, flush=True)
+        rate = f"  {now / max(spent, 1e-9):.2g}/s  {spent * (of - done) / now:.0f} s left" if now else ""
+        print(f"\r\x1b[2Kruns {done} of {of}  {failed} failed{rate}", end="", file=sys.stderr, flush=True)
 
     try:
         yield tick

@@ -97,6 +97,8 @@ def tell(found: Any, out: Path, *, json_: bool) -> None:
     for row in bad:
         errors[row["error"]] = errors.get(row["error"], 0) + 1
     render.table("errors", ("error", "runs"), [(error, str(n)) for error, n in errors.items()])
+    if bad:
+        print("failed runs are not tried again without --retry-failed")
     for name, path in found.outputs.items():
         print(f"{name}: {path}")
     print(f"next: maritrack table {out}")

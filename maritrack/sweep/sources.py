@@ -69,7 +69,9 @@ def named(
     known = scene_names()
     scenes = [name.endswith(".toml") or (name in known and not Path(name).exists()) for name in names]
     if scans and not all(scenes):
-        raise UsageError("--scans is of scenes", hint="--limit is of recordings")
+        other = names[scenes.index(False)]
+        hint = f"--limit is of recordings; scenes: {', '.join(known)}"
+        raise UsageError(f"--scans is of scenes, {other} is none", hint=hint)
     return tuple(
         Source(
             name=name, scene=scene, scans=scans, truth=truth[i] if truth else "",

@@ -83,6 +83,15 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path) -> None:
     assert all((tmp_path / "rows" / name).stat().st_mtime_ns == at for name, at in before.items())
 
 
+def test_what_failed_is_tried_again_when_asked_and_that_is_said(tmp_path: Path) -> None:
+    missing, out = tmp_path / "rec.json", tmp_path / "o"
+    command = ("sweep", missing, FERRY, "--limit", "2", "-o", out, "--workers", "1")
+    assert "--retry-failed" in call(*command).out and "--retry-failed" in call(*command).out
+    missing.write_text(FERRY.read_text().replace('"sensorID":', '"sensorID": '))
+    done = call(*command, "--retry-failed").out
+    assert "2 runs, 1 of them finished before, 0 failed" in done and "--retry-failed" not in done
+
+
 class Terminal(io.StringIO):
     """Standard error of somebody who looks at it."""
 

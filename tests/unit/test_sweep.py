@@ -293,4 +293,6 @@ def test_wrong_use_is_told() -> None:
         planned(FERRY, grid=[f"{key}=0.001:1:0.001" for key in ("model.p_detect", "model.gate_probability")])
     with pytest.raises(UsageError, match="1 --truth for 2"):
         named(["a", "b"], truth=["t"])
+    with pytest.raises(UsageError, match="--scans is of scenes, harbor is none"):
+        named(["harbour", "harbor"], scans=3)
     assert named(["harbour"], scans=3) == (Source(name="harbour", scene=True, scans=3),)
