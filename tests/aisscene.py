@@ -13,7 +13,8 @@ from tests.cli.calling import call
 
 HERE = Origin(54.0, 10.0)
 T0, TURN_S, SCANS = 1_452_603_600, 2.5, 60
-SHIPS = {  # id: east, north, speed, course
+Fleet = dict[str, tuple[float, float, float, float]]
+SHIPS: Fleet = {  # id: east, north, speed, course
     "201": (-2000.0, 1500.0, 6.0, 95.0), "202": (1500.0, 2500.0, 8.0, 200.0), "203": (-1200.0, -1500.0, 5.0, 20.0),
     "204": (2500.0, -800.0, 7.0, 280.0), "205": (300.0, -2600.0, 9.0, 60.0), "206": (-2600.0, -300.0, 4.0, 150.0),
 }  # fmt: skip
@@ -26,13 +27,15 @@ def way(ship: tuple[float, float, float, float], t_s: np.ndarray) -> np.ndarray:
     return np.array([east, north]) + np.outer(t_s * speed, ahead)
 
 
-def record(folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4, start_s: float = T0) -> Path:
+def record(
+    folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4, start_s: float = T0, ships: Fleet = SHIPS
+) -> Path:
     """The archive of a run of that scene."""
     rng = np.random.default_rng(seed)
     scans = []
     for k in range(SCANS):
         t_s = k * TURN_S
-        seen = [way(s, np.array([t_s]))[0] + rng.normal(0, 8, 2) for s in SHIPS.values() if rng.random() < p_detect]
+        seen = [way(s, np.array([t_s]))[0] + rng.normal(0, 8, 2) for s in ships.values() if rng.random() < p_detect]
         noise = rng.uniform(-4000, 4000, (clutter, 2))
         points = np.concatenate([np.array(seen).reshape(-1, 2), noise])
         scans.append({"time_s": start_s + t_s, "points": np.round(points, 2).tolist()})
@@ -50,11 +53,11 @@ def record(folder: Path, seed: int, *, p_detect: float = 0.9, clutter: int = 4, 
 def ais(
     folder: Path, *, shift: dict[str, tuple[float, float]] | None = None, without: tuple[str, ...] = (),
     late_s: dict[str, float] | None = None, leap: dict[str, int] | None = None, ghost: bool = False,
-    every_s: float = 5.0,
+    every_s: float = 5.0, ships: Fleet = SHIPS,
 ) -> Path:  # fmt: skip
     """The table of what they tell: some elsewhere, late, not at all, or with a leap of 800 m from a report on."""
     rows = ["time,mmsi,lat,lon,sog,cog,heading,length,width"]
-    told = {i: s for i, s in SHIPS.items() if i not in without}
+    told = {i: s for i, s in ships.items() if i not in without}
     if ghost:
         told["999"] = (1000.0, 600.0, 5.0, 45.0)
     for id_, ship in told.items():

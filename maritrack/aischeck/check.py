@@ -17,7 +17,7 @@ from maritrack.aischeck.looks import Looks, look
 from maritrack.aischeck.match import Noise, TrackRows, match, rows_of, with_lags
 from maritrack.aischeck.seeing import Seeing, seeing_of
 from maritrack.aischeck.ships import Jump, Ship, comes_near, jumps, ships_of
-from maritrack.aischeck.strangers import Stranger, displacements, strangers
+from maritrack.aischeck.strangers import Stranger, displacements, doubles, strangers
 from maritrack.config import config_from_toml
 from maritrack.errors import UsageError
 from maritrack.io.ais import read_ais
@@ -101,12 +101,13 @@ def check_ais(
     matched = matched_ships(len(ships), looks, rows, matching, moving)
     seeing = seeing_of(looks, matched)
     astray = displacements(rows, ships, matched, matching, noise, options.max_offset_m)
-    said = verdicts(ships, rows, moving, matching, looks, seeing, astray, noise, options.rules)
+    unsure = doubles(rows, ships, matching, noise, options.max_offset_m)
+    said = verdicts(ships, rows, moving, matching, looks, seeing, astray, unsure, noise, options.rules)
     sure = {one.id for one in said if one.verdict in (SEEN, ECHO)}
     seeing = seeing_of(
         looks, np.array([ship.id in sure for ship in ships], bool)
     )  # now with those at rest, and far off
-    said = verdicts(ships, rows, moving, matching, looks, seeing, astray, noise, options.rules)
+    said = verdicts(ships, rows, moving, matching, looks, seeing, astray, unsure, noise, options.rules)
     taken = {one.displaced.track for one in said if one.displaced is not None}
     alone = strangers(rows, moving, ships, matched, matching, noise, taken, config.smooth.min_hits)
     azimuth, sigma = _azimuth(rows, ships, matching.ship, matched)

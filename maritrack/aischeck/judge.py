@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class Displacement:
     scans: int
     offset_m: tuple[float, float]  # track minus ship
     sigma_m: float  # of such an offset, were they one
+    others: tuple[int, ...] = ()  # tracks that go so too: it may be any of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,13 @@ class Verdict:
     velocity_mps: tuple[float, float]  # track minus ship, mean
     velocity_sigmas: float
     displaced: Displacement | None
+    doubles: tuple[int, ...]  # of one displaced or late, other tracks that go as it does
     place_m: tuple[float, float]  # where it was said to be last
 
 
 def verdicts(
     ships: Sequence[Ship], rows: TrackRows, moving: BoolArray, matching: Matching, looks: Looks, seeing: Seeing,
-    displaced: Sequence[Displacement | None], noise: Noise, rules: Rules,
+    displaced: Sequence[Displacement | None], doubles: Sequence[tuple[int, ...]], noise: Noise, rules: Rules,
 ) -> list[Verdict]:  # fmt: skip
     """One for each ship that the radar looked at."""
     found = []
@@ -77,7 +79,8 @@ def verdicts(
         here = np.flatnonzero(looks.ship == s)
         if len(here):
             of = np.flatnonzero(matching.ship == s)
-            found.append(_verdict(s, ship, here, of, rows, moving, matching, looks, seeing, displaced[s], noise, rules))
+            told = _verdict(s, ship, here, of, rows, moving, matching, looks, seeing, displaced[s], noise, rules)
+            found.append(replace(told, doubles=doubles[s]) if told.displaced is None else told)
     return found
 
 
@@ -115,7 +118,8 @@ def _verdict(
         ship.id, ship.name, verdict, why, n, len(here) - n, hits, beside, mean, few, many, matched,
         tuple(np.unique(rows.id[of]).tolist()), ship.lag_s, speed,
         (float(looks.range_m[here].min()), float(looks.range_m[here].max())), offset, off_sigmas, velocity,
-        fast_sigmas, displaced if verdict == DISPLACED else None, (float(last[0]), float(last[1])),
+        fast_sigmas, displaced if verdict == DISPLACED else None,
+        displaced.others if displaced is not None and verdict == DISPLACED else (), (float(last[0]), float(last[1])),
     )  # fmt: skip
 
 

@@ -20,7 +20,8 @@ from maritrack.types import BoolArray, FloatArray, IntArray
 GATE = 13.8  # 99.9 % of normalised squared distances in the plane
 AROUND = 10  # rows to either side that a cost is the mean of
 LAG_SIGMA_S = 10.0  # of lags, before anything is seen
-LAG_STEP_S, LAG_LEAST_S, LAG_GAIN = 2.0, 5.0, 40.0  # a lag counts from this on, and when it explains so much
+LAG_STEP_S, LAG_LEAST_S, LAG_GAIN = 2.0, 5.0, 40.0  # a lag counts from this on, and when it explains so much more
+LAG_SHARE = 0.5  # ... and no lag less than this share of it: else a convoy's next ship would do
 UNDER_WAY_MPS = 1.0
 FORGOTTEN_M = 200.0  # a track that is less certain than this says nothing
 
@@ -120,7 +121,8 @@ def _lag_s(rows: TrackRows, ship: Ship, noise: Noise, max_lag_s: float) -> float
     best = int(np.argmax(gain))
     way = np.hypot(*np.diff(ship.position_m, axis=0).T) / np.maximum(np.diff(ship.t_s), 1e-3)
     far = abs(float(lags[best])) * float(np.median(way[fast]))  # less than this is where on the hull the echo lies
-    if gain[best] - none < LAG_GAIN or abs(lags[best]) < LAG_LEAST_S or far < 3.0 * math.hypot(ship.hull_m, GNSS_M):
+    much = gain[best] - none >= LAG_GAIN and none < LAG_SHARE * gain[best]
+    if not much or abs(lags[best]) < LAG_LEAST_S or far < 3.0 * math.hypot(ship.hull_m, GNSS_M):
         return 0.0
     return float(lags[best])
 

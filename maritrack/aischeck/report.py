@@ -36,7 +36,7 @@ def finding_rows(check: Check) -> list[dict[str, Any]]:
         base = {"ship": one.id, "name": one.name}
         position, velocity = misfits(one)
         if one.verdict in (UNSEEN, DISPLACED):
-            rows.append({"kind": one.verdict, **base, "what": one.why})
+            rows.append({"kind": one.verdict, **base, "what": one.why + _or_another(one)})
         if position:
             far = math.hypot(*one.offset_m)
             rows.append(
@@ -47,7 +47,9 @@ def finding_rows(check: Check) -> list[dict[str, Any]]:
             what = f"course and speed {fast:.1f} kn off its track's, {one.velocity_sigmas:.1f} sigma"
             rows.append({"kind": "course", **base, "what": what})
         if abs(one.lag_s) >= LATE_S:
-            rows.append({"kind": "late", **base, "what": f"its reports are late by {one.lag_s:.0f} s"})
+            rows.append(
+                {"kind": "late", **base, "what": f"its reports are late by {one.lag_s:.0f} s{_or_another(one)}"}
+            )
     rows += [
         {"kind": "no-ais", "track": one.track, "what": _stranger_words(one)}
         for one in check.strangers
@@ -61,6 +63,13 @@ def finding_rows(check: Check) -> list[dict[str, Any]]:
         rows.append({"kind": "jump", "ship": jump.id, "name": names.get(jump.id, ""), "what": what})
     order = ("unseen", "displaced", "no-ais", "jump", "position", "course", "late")
     return sorted(rows, key=lambda row: order.index(row["kind"]))
+
+
+def _or_another(one: Verdict) -> str:
+    """What a convoy leaves open: the tracks that go as a ship does besides the one that was chosen."""
+    if not one.doubles:
+        return ""
+    return f"; or it is track {', '.join(map(str, one.doubles[:5]))}, as in a convoy"
 
 
 def document(check: Check, *, run: str, ais: str) -> dict[str, Any]:
@@ -193,7 +202,8 @@ def _ship(check: Check, one: Verdict) -> dict[str, Any]:
         "lag_s": one.lag_s, "speed_kn": one.speed_mps * KNOTS, "range_min_m": one.range_m[0],
         "range_max_m": one.range_m[1], "offset_east_m": one.offset_m[0], "offset_north_m": one.offset_m[1],
         "offset_sigmas": one.offset_sigmas, "velocity_off_kn": math.hypot(*one.velocity_mps) * KNOTS,
-        "velocity_sigmas": one.velocity_sigmas, "displaced": displaced, **_place(check, one.place_m),
+        "velocity_sigmas": one.velocity_sigmas, "displaced": displaced,
+        "tracks_alike": list(one.doubles), **_place(check, one.place_m),
     }  # fmt: skip
 
 

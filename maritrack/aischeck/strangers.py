@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -62,8 +62,24 @@ def displacements(
     result: list[Displacement | None] = [None] * len(ships)
     for a, b in zip(*linear_sum_assignment(cost), strict=True):
         if (a, b) in found:
-            result[left[a]] = found[a, b]
+            others = tuple(sorted(free[j] for i, j in found if i == a and j != b))
+            result[left[a]] = replace(found[a, b], others=others)
     return result
+
+
+def doubles(
+    rows: TrackRows, ships: Sequence[Ship], matching: Matching, noise: Noise, reach_m: float
+) -> list[tuple[int, ...]]:
+    """For each ship whose reports seem late, the tracks without a ship that go as it does: it may be one of those."""
+    free = [int(i) for i in np.unique(rows.id).tolist() if _free(rows.id == i, matching)]
+    scans = len(np.unique(rows.scan))
+
+    def of(ship: Ship) -> tuple[int, ...]:
+        told = replace(ship, lag_s=0.0)
+        alike = (i for i in free if _alike(rows, np.flatnonzero(rows.id == i), told, noise, reach_m, scans) is not None)
+        return tuple(alike)
+
+    return [of(ship) if ship.lag_s else () for ship in ships]
 
 
 def _free(of_track: BoolArray, matching: Matching) -> bool:
