@@ -18,6 +18,7 @@ CONFIRMED, ECHO, DISPLACED, UNSEEN, UNDECIDED = "confirmed", "echo", "displaced"
 LEAST_MATCHED, LEAST_SHARE = 12, 0.25  # scans, and share of the looks, in which a track is the ship
 REST_MPS = 1.0  # slower ships are taken to lie
 MISFIT = 11.8  # 3 sigma in the plane
+ABOARD_M = 60.0  # a ship always nearer than this to the radar may carry it
 BESIDE_SPREAD = 0.2  # of chance echoes from place to place
 
 
@@ -112,7 +113,10 @@ def _verdict(
     matched = len(np.unique(rows.scan[of]))
     offset, off_sigmas, velocity, fast_sigmas = _misfit(ship, of, rows, matching, noise)
     is_matched = _is_matched(s, looks, rows, matching, moving)
-    verdict, why = _said(is_matched, displaced, n, len(here) - n, hits, mean, few, many, beside, speed, matched, rules)
+    aboard = float(looks.range_m[here].max()) < ABOARD_M
+    verdict, why = _said(
+        is_matched, displaced, n, len(here) - n, hits, mean, few, many, beside, speed, matched, aboard, rules
+    )
     last = looks.position_m[here[-1]]
     return Verdict(
         ship.id, ship.name, verdict, why, n, len(here) - n, hits, beside, mean, few, many, matched,
@@ -125,7 +129,7 @@ def _verdict(
 
 def _said(
     is_matched: bool, displaced: Displacement | None, n: int, hidden: int, hits: int, mean: float, few: float,
-    many: float, beside: float, speed: float, matched: int, rules: Rules,
+    many: float, beside: float, speed: float, matched: int, aboard: bool, rules: Rules,
 ) -> tuple[str, str]:  # fmt: skip
     """The first that applies."""
     share, echoes = f"{hits} echoes in {n} looks", many < rules.p_echo
@@ -141,6 +145,7 @@ def _said(
     if echoes:
         return CONFIRMED, f"{share} on its way, {beside:.0%} beside it: probability {many:.1g} by chance"
     reasons = (
+        (aboard, f"{share}: it is where the radar is, own ship? (--own-ship)"),
         (n == 0, f"land lies before it in all {hidden} looks"),
         (matched >= LEAST_MATCHED, f"{share}, a track goes with it in {matched} scans only"),
         (math.isnan(mean), f"{share}: no other ship at this range tells what is to be expected"),

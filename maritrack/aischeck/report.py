@@ -119,7 +119,7 @@ def hints(check: Check) -> list[str]:
     """What would make the check better."""
     told = []
     off, sigma = check.azimuth_deg, check.options.azimuth_sigma_deg
-    if abs(off) > sigma:
+    if abs(off) > sigma and abs(off) > 2.0 * check.azimuth_sigma_deg:  # nan, which never is: one ship alone
         told.append(f"confirmed ships lie {off:+.1f} degrees off their tracks: `maritrack calibrate` first")
     if not check.verdicts:
         told.append("the radar looked at no ship of this AIS: another day or another place?")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from maritrack.aischeck.check import Options, check_ais
 from maritrack.aischeck.judge import CONFIRMED, DISPLACED, UNDECIDED, UNSEEN
-from maritrack.aischeck.report import document, finding_rows
-from tests.aisscene import SHIPS, ais, record
+from maritrack.aischeck.report import document, finding_rows, hints
+from tests.aisscene import SHIPS, T0, ais, record
 from tests.cli.calling import call
 from tests.shared import shared
 
@@ -147,6 +149,27 @@ def test_what_can_not_be_checked_is_an_error_of_one_line(tmp_path):
         done = call("verify-ais", run, *more)
         assert done.code == 2, (more, done.err)
         assert words in done.error
+
+
+def test_the_ship_that_carries_the_radar_is_told_to_be_so(run, tmp_path):
+    path = ais(tmp_path)
+    with path.open("a") as file:
+        file.writelines(f"{T0 + t},900,54.0,10.0,0,0,0,30,8\n" for t in range(-20, 200, 5))
+    check = check_ais(run / "run.mcap", path, Options())
+    own = next(one for one in check.verdicts if one.id == "900")
+    assert own.verdict == UNDECIDED
+    assert "--own-ship" in own.why
+    assert finding_rows(check) == []
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "sigma_deg", "said"),
+    [(0.9, 0.2, True), (0.9, 0.6, False), (0.4, 0.1, False), (-0.9, 0.2, True), (3.0, math.nan, False)],
+)
+def test_to_calibrate_is_advised_where_several_ships_ask_for_it(run, tmp_path, off_deg, sigma_deg, said):
+    check = check_ais(run / "run.mcap", ais(tmp_path), Options())
+    told = hints(replace(check, azimuth_deg=off_deg, azimuth_sigma_deg=sigma_deg))
+    assert bool(told) == said
 
 
 def test_ais_of_another_day_is_said_to_be_so(tmp_path):
