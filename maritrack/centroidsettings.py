@@ -16,7 +16,7 @@ class CentroidConfig:
     existence: Literal["certain", "integrated"] = "certain"  # JPDA, or JIPDA's probability that confirms and ends
     noise: Literal["converted", "linear"] = "converted"  # of a measurement: Lerro and Bar-Shalom, or first order
     gate_sigmas: float = 5.0  # of the rectangle that comes before the ellipse
-    dispersion: Literal["adaptive", "none"] = "adaptive"  # of the echoes in gate and weights; ec-jpda alone
+    dispersion: Literal["body", "adaptive", "none"] = "body"  # of echoes, ec-jpda alone: less noise; or all in the gate
     dispersion_decay: float = 0.9  # what is left of it after a scan without two echoes; 1 = it stays
     gain: Literal["dispersion", "mean", "noise"] = "dispersion"  # the update sees eq. 4; R + S_D / points; or R alone
     clutter: Literal["density", "density-and-volume"] = "density"  # lambda; or lambda and V of eq. 9 and 10 both

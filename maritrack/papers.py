@@ -97,7 +97,7 @@ _MEANING = {
     "dataset-2": "a measurement is the place, with the noise of a converted range and azimuth",
     "dataset-3": "the gate, an ellipse about the predicted place",
     "dataset-4": "covariance of the innovation, with the dispersion of the echoes of the scan before",
-    "dataset-5": "dispersion: covariance of the echoes in the gate of a vessel",
+    "dataset-5": "dispersion: covariance of the echoes in the gate of a vessel, or of its body alone",
     "dataset-6": "which centroids are in whose gates",
     "dataset-7": "a centroid is in a gate or not",
     "dataset-8": "joint events: each centroid is of one vessel or clutter",

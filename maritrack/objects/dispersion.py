@@ -82,6 +82,35 @@ def dispersion(
     Points in several gates count for each. Of fewer than two points the one before is kept, less its decay.
     Eq: dataset-5
     """
+    pair, nu = _in_gates(pairs, dt_s, d, points, clusters, limit)
+    count, found = _covariance(pairs.i[pair], nu, len(d))
+    return np.where((count >= 2.0)[:, None, None], found, rules.dispersion_decay * before_m2)
+
+
+def bodies(
+    before_m2: FloatArray, pairs: Pairs, dt_s: FloatArray, d: Giw, points: Points, clusters: Clusters, limit: float,
+    rules: CentroidConfig, *, R: FloatArray, weight: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Covariances (n, 2, 2) of what each vessel's body spreads its points in the gate by.
+
+    Reading: dataset-5 "assumed to have originated from the target's body": the points of each cluster about their own
+    mean, less the noise R (c, 2, 2) that a body of no size spreads its points by, and of clusters the mean by their
+    weights (k,), the one before (less its decay) for what is left. Two bodies in one gate are then not one as wide as
+    their distance, which would hold both in the gate ever after.
+    """
+    pair, nu = _in_gates(pairs, dt_s, d, points, clusters, limit)
+    count, found = _covariance(pair, nu, len(pairs.i))
+    body = matrix2.clip_eigenvalues(found - R[pairs.j], 0.0, np.inf)
+    share = np.where(count >= 2.0, weight, 0.0)
+    sums = segment_sums(pairs.i, np.column_stack([share, share[:, None] * body.reshape(-1, 4)]), len(d))
+    left = np.maximum(1.0 - sums[:, 0], 0.0)[:, None, None]
+    return np.asarray(sums[:, 1:].reshape(-1, 2, 2) + left * rules.dispersion_decay * before_m2)
+
+
+def _in_gates(
+    pairs: Pairs, dt_s: FloatArray, d: Giw, points: Points, clusters: Clusters, limit: float
+) -> tuple[IntArray, FloatArray]:
+    """Pair (p,) and offset (p, 2) from the vessel of each point of a pair's cluster that is itself in the gate."""
     order = np.argsort(clusters.label, kind="stable")
     first = np.searchsorted(clusters.label[order], np.arange(len(clusters)))
     size = clusters.count[pairs.j]
@@ -91,10 +120,13 @@ def dispersion(
     at = d.x[pairs.i, :2] + dt_s[:, None] * d.x[pairs.i, 2:]
     nu = points.position_m[point] - at[pair]
     inside = matrix2.form(pairs.S_inv[pair], nu) < limit
-    i, nu = pairs.i[pair][inside], nu[inside]
+    return pair[inside], nu[inside]
+
+
+def _covariance(i: IntArray, nu: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Number (n,) and covariance (n, 2, 2) of the offsets nu (p, 2) of each i (p,), which is ordered."""
     rows = np.column_stack([np.ones(len(nu)), nu, nu[:, 0] ** 2, nu[:, 0] * nu[:, 1], nu[:, 1] ** 2])
-    sums = segment_sums(i, rows, len(d))
-    n = np.maximum(sums[:, 0], 1.0)
-    mean, square = sums[:, 1:3] / n[:, None], sums[:, [3, 4, 4, 5]].reshape(-1, 2, 2) / n[:, None, None]
-    found = square - mean[:, :, None] * mean[:, None, :]
-    return np.where((sums[:, 0] >= 2.0)[:, None, None], found, rules.dispersion_decay * before_m2)
+    sums = segment_sums(i, rows, n)
+    count = np.maximum(sums[:, 0], 1.0)
+    mean, square = sums[:, 1:3] / count[:, None], sums[:, [3, 4, 4, 5]].reshape(-1, 2, 2) / count[:, None, None]
+    return sums[:, 0], square - mean[:, :, None] * mean[:, None, :]

@@ -20,8 +20,8 @@ from maritrack.simulate.scenes import load_any
 from maritrack.trackers.jpda import Following, Jpda, jpda
 from maritrack.types import Clusters, FloatArray, IntArray, Points, Scan, Truth
 
-EC, STANDARD = "ec-jpda", "jpda"
-TRACKERS = (EC, STANDARD)
+EC, STANDARD, GATE = "ec-jpda", "jpda", "ec-jpda, all in the gate"
+TRACKERS = (EC, STANDARD, GATE)
 SCENES = ("daan", "darc", "manv")
 TARGETS: Mapping[str, tuple[str, ...]] = {
     "daan": ("target-2", "target-3"), "darc": ("target-2",), "manv": ("target-2", "target-3"),
@@ -60,8 +60,8 @@ def the_scene(name: str) -> Campaign:
 
 
 def settings(scene: Campaign, sets: Sequence[str] = ()) -> Config:
-    """The preset, the paper's tracks, and the pixel of the scene as the noise of a range."""
-    noise = f"input.sigma_range_m={scene.display.pixel_m / 12.0**0.5}"
+    """The preset, the paper's tracks, and the pixel and pulse of the scene as the noise of a range."""
+    noise = f"input.sigma_range_m={scene.display.sigma_range_m}"
     return load_config(preset="dataset", sets=[*OF_PAPER, noise, *sets])
 
 
@@ -96,11 +96,12 @@ def seen_of(case: Case, config: Config) -> list[Seen]:
 
 
 def run_case(case: Case) -> tuple[Run, ...]:
-    """Both trackers on the same clusters."""
+    """All trackers on the same clusters."""
     scene = the_scene(case.scene)
     config = settings(scene)
     seen = seen_of(case, config)
-    return tuple(run_tracker(case, name, config, seen) for name in TRACKERS)
+    gate = replace(config, centroid=replace(config.centroid, dispersion="adaptive"))
+    return tuple(run_tracker(case, name, gate if name == GATE else config, seen) for name in TRACKERS)
 
 
 def run_tracker(case: Case, name: str, config: Config, seen: Sequence[Seen]) -> Run:

@@ -100,7 +100,7 @@ def simulate_campaign(
             _screenshot(scene, k, seed=seed).save(images / image_name(scene, k))
         if progress is not None:
             progress(number + 1, len(steps))
-    sensors = {SENSOR: {"sigma_range_m": scene.display.pixel_m / math.sqrt(12.0), "sigma_azimuth_deg": 0.6}}
+    sensors = {SENSOR: {"sigma_range_m": scene.display.sigma_range_m, "sigma_azimuth_deg": 0.6}}
     octets = write_points(
         written, frame="polar", origin=scene.origin, sensors=sensors, reference=reference_of(scene, n_scans)
     )  # fmt: skip
@@ -138,7 +138,7 @@ def _folder(images: Path, scene: Campaign) -> None:
         images.mkdir(parents=True, exist_ok=True)
         images.with_suffix(".toml").write_text(
             f'extends = "dataset"\n\n[input]\nown_ship = "{scene.own}"\n'
-            f"sigma_range_m = {scene.display.pixel_m / math.sqrt(12.0):.3f}\n\n"
+            f"sigma_range_m = {scene.display.sigma_range_m:.3f}\n\n"
             f"[images]\n{to_toml(image_settings(scene))}",
             "utf-8",
         )

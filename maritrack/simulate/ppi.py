@@ -59,6 +59,11 @@ class Look:
     beam_deg: float = 1.0  # width between half powers
     pulse_m: float = 20.0
 
+    @property
+    def sigma_range_m(self) -> float:
+        """Standard deviation that the range of an echo has of its pixel and its pulse, each evenly spread."""
+        return math.hypot(self.pixel_m, self.pulse_m) / math.sqrt(12.0)
+
 
 def render(
     look: Look, echoes: Echoes, *, seed: int, specks: int = 0, sea_clutter: float = 0.0, caption: str = ""

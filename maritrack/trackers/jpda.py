@@ -17,7 +17,7 @@ from maritrack.cluster.stage import sensor_noise
 from maritrack.objects import course, giw, matrix2
 from maritrack.objects.converted import converted
 from maritrack.objects.course import Courses
-from maritrack.objects.dispersion import dispersion, paired
+from maritrack.objects.dispersion import bodies, dispersion, paired
 from maritrack.objects.giw import Pairs
 from maritrack.settings import Config
 from maritrack.trackers import firstwords, steps, tracklist
@@ -78,9 +78,11 @@ class Jpda:
         nu_pairs = gains(pairs, courses, clusters, R, state.dispersion_m2, config)
         after = giw.update(course.as_points(courses.x, courses.P), clusters, nu_pairs, given, given0, model)
         courses = course.settled(Courses(after.x, after.P, courses.steered), rules)
-        spread = dispersion(
-            state.dispersion_m2, pairs, dt_s, tracks.density, points, clusters, limit, rules
-        ) * (rules.dispersion == "adaptive")  # fmt: skip
+        gated = state.dispersion_m2, pairs, dt_s, tracks.density, points, clusters, limit, rules
+        if rules.dispersion == "body":
+            spread = bodies(*gated, R=R, weight=given)
+        else:
+            spread = dispersion(*gated) * (rules.dispersion == "adaptive")
         hit = beta0 < 0.5
         outcome = Outcome(
             density=course.cartesian(courses),

@@ -17,7 +17,7 @@ from maritrack.cluster.statistics import cluster_statistics
 from maritrack.objects import course
 from maritrack.objects.converted import converted
 from maritrack.objects.course import Courses
-from maritrack.objects.dispersion import dispersion, paired
+from maritrack.objects.dispersion import bodies, dispersion, paired
 from maritrack.tracksettings import ModelConfig
 from maritrack.types import FloatArray
 from tests.unit.scans import scan_of
@@ -161,3 +161,31 @@ def test_dispersion_is_the_covariance_of_the_points_in_the_gate(seed: int) -> No
             inside += of[d2 < 9.21].tolist()
         few = 0.9 * spread[i]  # type: ignore[index]
         assert_allclose(got[i], np.cov(np.array(inside).T, ddof=0) if len(inside) > 1 else few, atol=1e-7)
+
+
+@pytest.mark.eq("dataset-5")
+@law
+@given(st.integers(0, 10_000))
+def test_a_body_is_what_spreads_each_cluster_beyond_the_noise_by_the_weights(seed: int) -> None:
+    d, spread, points, clusters, pairs, dt_s = gate_of(seed)
+    R = np.random.default_rng(seed).uniform(20.0, 200.0, len(clusters))[:, None, None] * np.eye(2)  # type: ignore[arg-type]
+    weight = np.random.default_rng(seed + 1).dirichlet(np.ones(len(pairs.i) + 1))[1:]  # type: ignore[attr-defined]
+    got = bodies(spread, pairs, dt_s, d, points, clusters, 9.21, RULES, R=R, weight=weight)  # type: ignore[arg-type]
+    for i in range(3):
+        expected, left = np.zeros((2, 2)), 1.0
+        for k in np.flatnonzero(pairs.i == i):  # type: ignore[attr-defined]
+            of = points.position_m[clusters.label == pairs.j[k]]  # type: ignore[attr-defined]
+            nu = of - d.x[i, :2]  # type: ignore[attr-defined]
+            of = of[np.einsum("ni,ij,nj->n", nu, np.linalg.inv(pairs.S[k]), nu) < 9.21]  # type: ignore[attr-defined]
+            if len(of) > 1:
+                values, axes = np.linalg.eigh(np.cov(of.T, ddof=0) - R[pairs.j[k]])  # type: ignore[attr-defined]
+                expected += weight[k] * (axes * np.maximum(values, 0.0)) @ axes.T
+                left -= weight[k]
+        assert_allclose(got[i], expected + left * 0.9 * spread[i], atol=1e-7)  # type: ignore[index]
+
+
+def test_the_echo_of_a_body_of_no_size_has_no_dispersion() -> None:
+    d, spread, points, clusters, pairs, dt_s = gate_of(3)
+    R, weight = np.tile(1e4 * np.eye(2), (5, 1, 1)), np.ones(len(pairs.i))  # type: ignore[attr-defined]
+    got = bodies(spread, pairs, dt_s, d, points, clusters, 9.21, RULES, R=R, weight=weight)  # type: ignore[arg-type]
+    assert_allclose(got[np.unique(pairs.i)], 0.0, atol=1e-9)  # type: ignore[attr-defined]
