@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from maritrack.cluster.dbscan import dbscan
-from maritrack.cluster.lloyd import lloyd
+from maritrack.cluster.lloyd import lloyd, plus_plus
 from maritrack.settings import ClusterConfig
 from maritrack.types import FloatArray, IntArray
 
@@ -41,8 +41,10 @@ def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
         label[order] = nearest(z, np.unique(sample, axis=0))
         return label
     best, chosen = -np.inf, sample.mean(axis=0, keepdims=True)
-    for k in range(2, min(most, distinct - 1) + 1):
-        centre, mine = lloyd(sample, k, seed=config.kmeans_seed)
+    most = min(most, distinct - 1)
+    start = plus_plus(sample, most, seed=config.kmeans_seed)
+    for k in range(2, most + 1):
+        centre, mine = lloyd(sample, start[:, :k])
         value = INDEX[config.k_index](sample, mine)
         if value > best:
             best, chosen = value, centre

@@ -16,12 +16,14 @@ STARTS = 10
 MOST_STEPS = 300
 
 
-def lloyd(z: FloatArray, k: int, *, seed: int) -> tuple[FloatArray, IntArray]:
-    """Centroids (k, 2) of points z (n, 2) and the cluster of each (n,): of all starts that with the least squares."""
-    rng = np.random.default_rng(seed)
-    centre = plus_plus(z, k, rng)
-    label = np.full((STARTS, len(z)), -1)
-    open_ = np.arange(STARTS)
+def lloyd(z: FloatArray, start: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Centroids (k, 2) of points z (n, 2) and the cluster of each (n,), from first centroids (starts, k, 2).
+
+    Of all starts those with the least squares.
+    """
+    centre = start.copy()
+    label = np.full((len(start), len(z)), -1)
+    open_ = np.arange(len(start))
     for _ in range(MOST_STEPS):
         now = squares(z, centre[open_]).argmin(axis=2)
         moved = (now != label[open_]).any(axis=1)
@@ -35,8 +37,12 @@ def lloyd(z: FloatArray, k: int, *, seed: int) -> tuple[FloatArray, IntArray]:
     return centre[best], label[best]
 
 
-def plus_plus(z: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
-    """First centroids (starts, k, 2): each next one drawn by the squared distance from those before."""
+def plus_plus(z: FloatArray, k: int, *, seed: int) -> FloatArray:
+    """First centroids (starts, k, 2): each next one drawn by the squared distance from those before.
+
+    The first of them are a start for fewer clusters.
+    """
+    rng = np.random.default_rng(seed)
     draws = 2 + int(math.log(k))
     start = np.arange(STARTS)
     centre = np.empty((STARTS, k, 2))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -105,6 +106,7 @@ def jpda(config: Config) -> Jpda:
     return Jpda(replace(config, centroid=replace(config.centroid, dispersion="none")))
 
 
+@lru_cache(maxsize=4)
 def rules_of(config: Config) -> Config:
     """The configuration as these trackers read it: points, and of tracks that exist for sure no probability."""
     rules, sure = config.tracker, config.centroid.existence == "certain"

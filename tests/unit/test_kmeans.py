@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from maritrack.cluster.kmeans import INDEX, MOST_POINTS, calinski_harabasz, kmeans, most_clusters
-from maritrack.cluster.lloyd import lloyd
+from maritrack.cluster.lloyd import lloyd, plus_plus
 from maritrack.errors import ConfigError
 from maritrack.settings import ClusterConfig
 from maritrack.types import FloatArray, IntArray
@@ -103,13 +103,14 @@ def test_neither_order_nor_place_nor_repetition_makes_a_difference(seed: int, n:
 def test_the_chosen_number_has_the_best_index_of_all(index: Any) -> None:
     points = np.random.default_rng(3).normal(0, 400, (40, 2))
     points = points[np.lexsort((points[:, 1], points[:, 0]))]
-    values = {k: INDEX[index](points, lloyd(points, k, seed=0)[1]) for k in range(2, 11)}
+    start = plus_plus(points, 10, seed=0)
+    values = {k: INDEX[index](points, lloyd(points, start[:, :k])[1]) for k in range(2, 11)}
     assert kmeans(points, replace(CONFIG, k_index=index)).max() + 1 == max(values, key=lambda k: values[k])
 
 
 def test_calinski_harabasz_is_its_definition() -> None:
     points = np.random.default_rng(4).normal(0, 100, (30, 2))
-    label = lloyd(points, 3, seed=0)[1]
+    label = lloyd(points, plus_plus(points, 3, seed=0))[1]
     mean = points.mean(axis=0)
     within = sum(((points[label == k] - points[label == k].mean(axis=0)) ** 2).sum() for k in range(3))
     between = sum((label == k).sum() * ((points[label == k].mean(axis=0) - mean) ** 2).sum() for k in range(3))
@@ -129,7 +130,7 @@ def test_of_many_starts_the_best_is_as_good_as_the_library_s(seed: int) -> None:
 
     points = np.concatenate([hull(400.0 * k, 90.0 * k * seed, seed=seed + k) for k in range(5)])
     for k in (2, 3, 5, 7):
-        centre, label = lloyd(points, k, seed=seed)
+        centre, label = lloyd(points, plus_plus(points, k, seed=seed))
         theirs = KMeans(k, n_init=10, random_state=seed).fit(points)
         assert ((points - centre[label]) ** 2).sum() <= 1.02 * theirs.inertia_
         assert_allclose(centre, [points[label == i].mean(axis=0) for i in range(k)], rtol=1e-12, atol=1e-9)
@@ -138,7 +139,7 @@ def test_of_many_starts_the_best_is_as_good_as_the_library_s(seed: int) -> None:
 
 def test_more_clusters_than_places_leave_some_empty() -> None:
     points = np.repeat([[0.0, 0.0], [10.0, 0.0]], 4, axis=0)
-    centre, label = lloyd(points, 3, seed=0)
+    centre, label = lloyd(points, plus_plus(points, 3, seed=0))
     assert_allclose(centre[label], points)
 
 
