@@ -29,6 +29,15 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
+class Case:
+    """A scene with its seed: what a worker is given."""
+
+    scene: str
+    seed: int
+    scans: int = 0  # 0 = all
+
+
+@dataclass(frozen=True, slots=True)
 class Claim:
     """A statement that can be wrong, with the numbers that decide it: ours and, where it has them, the paper's."""
 

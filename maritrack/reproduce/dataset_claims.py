@@ -1,7 +1,8 @@
 """What the dataset paper states, and whether it holds in our runs.
 
 Errors are distances of a track from AIS, moved to the middle of the hull: means over scans and targets, and intervals
-of 95 % over seeds. A target counts as lost where its error ends above 300 m. The paper has curves and no table.
+of 95 % over seeds, of differences on the same ones. A target counts as lost where its error ends above 300 m. The paper
+has curves and no table.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from scipy.stats import t as student
 
 from maritrack.reproduce.claims import Cell, Claim, Table
 from maritrack.reproduce.dataset_images import Found
-from maritrack.reproduce.dataset_runs import EC, SCENES, STANDARD, TARGETS, TRACKERS, Run
-from maritrack.types import FloatArray
+from maritrack.reproduce.dataset_runs import EC, GATE, SCENES, STANDARD, TARGETS, TRACKERS, Run
+from maritrack.types import BoolArray, FloatArray
 
 CLEARLY = 0.9  # of the error of jpda, at most
+OVERLAP = 0.1  # of it, errors that overlap differ by no more
+LESS, KEPT = "ec-jpda less jpda", "no target lost"
 LOST_M, LAST = 300.0, 30  # error of the last scans
 SEEN, FALSE_BLOBS = 0.95, 1.0
 
@@ -28,7 +31,8 @@ def claims_of(runs: Sequence[Run], zero_m: Mapping[str, float], images: Sequence
     return (
         *(at_most_claim(runs, scene) for scene in SCENES),
         clearly_claim(runs),
-        target_claim(runs),
+        gate_claim(runs),
+        *target_claims(runs),
         lost_claim(runs),
         zero_claim(zero_m),
         *image_claims(images),
@@ -54,50 +58,75 @@ def interval(values: FloatArray) -> dict[str, float]:
     return {"mean": mean, "low": mean - half, "high": mean + half, "runs": n}
 
 
-def both(runs: Sequence[Run], scene: str, target: str = "") -> dict[str, Any]:
-    """Errors of both trackers in metres, and ec-jpda less jpda on the same seeds."""
-    ec, standard = (by_seed(runs, scene, tracker, target) for tracker in TRACKERS)
-    return {
-        EC: interval(ec), STANDARD: interval(standard), "ec-jpda less jpda": interval(ec - standard),
+def both(runs: Sequence[Run], scene: str, target: str = "", *, ours: str = EC) -> dict[str, Any]:
+    """Errors of ec-jpda and jpda in metres, and the one less the other on the same seeds.
+
+    Also without the seeds on which either loses a target: the hundreds of metres of one lost target outweigh all else.
+    """
+    ec, standard = (by_seed(runs, scene, tracker, target) for tracker in (ours, STANDARD))
+    kept = ~(lost(runs, scene, ours) | lost(runs, scene, STANDARD)).any(axis=1)
+    found = {
+        EC: interval(ec), STANDARD: interval(standard), LESS: interval(ec - standard),
         "medians": {EC: float(np.median(ec)), STANDARD: float(np.median(standard))},
+        "lower on": int((ec < standard).sum()),
     }  # fmt: skip
+    if kept.any():
+        found[KEPT] = {
+            EC: interval(ec[kept]), STANDARD: interval(standard[kept]), LESS: interval((ec - standard)[kept]),
+            "ratio": float(ec[kept].mean() / standard[kept].mean()),
+        }  # fmt: skip
+    return found
+
+
+def at_most(ours: Mapping[str, Any]) -> bool:
+    """Whether ec-jpda is not above jpda, neither over all seeds nor over those on which no target is lost."""
+    return bool(ours[LESS]["mean"] <= 0.0 and (KEPT not in ours or ours[KEPT][LESS]["mean"] <= 0.0))
 
 
 def at_most_claim(runs: Sequence[Run], scene: str) -> Claim:
     """Sec. 4.2."""
     ours = both(runs, scene)
-    holds = ours["ec-jpda less jpda"]["mean"] <= 0.0
-    return Claim(f"{scene}: ec-jpda's mean position error is at most jpda's", bool(holds), ours, None)
+    return Claim(f"{scene}: ec-jpda's mean position error is at most jpda's", at_most(ours), ours, None)
+
+
+def gate_claim(runs: Sequence[Run]) -> Claim:
+    """The other reading of eq. 5."""
+    ours = {scene: both(runs, scene, ours=GATE) for scene in SCENES}
+    what = "with the dispersion of all points in the gate it is so on each scene too"
+    return Claim(what, all(at_most(of) for of in ours.values()), ours, None)
 
 
 def clearly_claim(runs: Sequence[Run]) -> Claim:
     """Sec. 4.2: "a higher improvement particularly in DARC"."""
     ours = both(runs, "darc")
-    less, ratio = ours["ec-jpda less jpda"], ours[EC]["mean"] / ours[STANDARD]["mean"]
-    holds = less["high"] < 0.0 and ratio <= CLEARLY
+    kept = ours.get(KEPT, ours | {"ratio": ours[EC]["mean"] / ours[STANDARD]["mean"]})
+    holds = at_most(ours) and kept[LESS]["high"] < 0.0 and kept["ratio"] <= CLEARLY
     what = f"darc: ec-jpda's mean position error is clearly lower, at most {CLEARLY:g} of jpda's"
-    return Claim(what, bool(holds), ours | {"ratio": ratio}, None)
+    return Claim(what, bool(holds), ours, None)
 
 
-def target_claim(runs: Sequence[Run]) -> Claim:
+def target_claims(runs: Sequence[Run]) -> tuple[Claim, ...]:
     """Sec. 4.2: errors in manv and of target 2 in daan "almost overlapping", those of target 3 in daan not."""
-    ours = {
-        f"daan, {key}": float(np.divide(*(by_seed(runs, "daan", tracker, key).mean() for tracker in TRACKERS)))
-        for key in TARGETS["daan"]
-    }
-    what = "daan: ec-jpda gains more on target 3, the boat that is hardly seen, than on target 2"
-    return Claim(what, bool(ours["daan, target-3"] < ours["daan, target-2"]), {"error over jpda's": ours}, None)
+    where = [("daan", "target-2"), *(("manv", key) for key in TARGETS["manv"]), ("daan", "target-3")]
+    ours = {f"{scene}, {key}": both(runs, scene, key).get(KEPT) for scene, key in where}
+    ratio = [of["ratio"] if of else math.nan for of in ours.values()]
+    near = all(abs(r - 1.0) <= OVERLAP for r in ratio[:3])
+    return (
+        Claim(f"errors on manv and of target 2 on daan differ by at most {OVERLAP:.0%}", near, ours, None),
+        Claim("daan: ec-jpda gains more on target 3, the boat that is hardly seen, than on target 2",
+              ratio[3] < ratio[0], {key: ours[key] for key in ("daan, target-2", "daan, target-3")}, None),
+    )  # fmt: skip
 
 
-def lost(runs: Sequence[Run], scene: str, tracker: str) -> int:
-    """Targets that a tracker has lost, over all seeds."""
-    ends = [np.nanmean(run.error_m[key][-LAST:]) for run in named(runs, scene, tracker) for key in TARGETS[scene]]
-    return int(np.count_nonzero(np.array(ends) > LOST_M))
+def lost(runs: Sequence[Run], scene: str, tracker: str) -> BoolArray:
+    """Which targets (seeds, targets) a tracker has lost."""
+    ends = [[np.nanmean(run.error_m[key][-LAST:]) for key in TARGETS[scene]] for run in named(runs, scene, tracker)]
+    return np.asarray(np.array(ends) > LOST_M)
 
 
 def lost_claim(runs: Sequence[Run]) -> Claim:
     """Sec. 4.1: tracks are continuous."""
-    ours = {f"{scene}, {tracker}": lost(runs, scene, tracker) for scene in SCENES for tracker in TRACKERS}
+    ours = {f"{scene}, {tracker}": int(lost(runs, scene, tracker).sum()) for scene in SCENES for tracker in TRACKERS}
     none = all(ours[f"{scene}, {EC}"] == 0 for scene in SCENES)
     return Claim("ec-jpda loses no target", bool(none), {"lost": ours}, None)
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.reproduce.dataset_claims import named
-from maritrack.reproduce.dataset_runs import EC, SCENES, STANDARD, TARGETS, TRACKERS, Run, the_scene
+from maritrack.reproduce.dataset_claims import lost, named
+from maritrack.reproduce.dataset_runs import EC, GATE, SCENES, STANDARD, TARGETS, TRACKERS, Run, the_scene
 from maritrack.types import FloatArray
 
-COLOURS = {EC: "#1f77b4", STANDARD: "#d62728"}
+COLOURS = {EC: "#1f77b4", STANDARD: "#d62728", GATE: "#8a8a8a"}
 FIGURE = {"daan": "figure_7", "darc": "figure_8", "manv": "figure_9"}
 
 
@@ -45,16 +45,22 @@ def by_second(runs: Sequence[Run], key: str) -> tuple[FloatArray, FloatArray]:
 
 
 def errors(runs: Sequence[Run], scene: str) -> Any:
-    """Median of the runs over time, and the middle half of them."""
+    """Median of the runs over time, and the middle half of them, of those that have not lost the target."""
     keys = TARGETS[scene]
     figure, axes = _canvas(len(keys), 1, (9.0, 3.4 * len(keys)))
-    for at, key in zip(axes[:, 0], keys, strict=True):
+    for row, (at, key) in enumerate(zip(axes[:, 0], keys, strict=True)):
         for tracker in TRACKERS:
-            table, second = by_second(named(runs, scene, tracker), key)
+            mine, gone = named(runs, scene, tracker), lost(runs, scene, tracker)[:, row]
+            label = f"{tracker}, lost in {gone.sum()} of {len(gone)} runs" if gone.any() else tracker
+            if gone.all():
+                at.plot([], [], color=COLOURS[tracker], label=label)
+                continue
+            table, second = by_second([run for run, away in zip(mine, gone, strict=True) if not away], key)
             there = np.isfinite(table).any(axis=0)
             low, middle, high = np.nanquantile(table[:, there], (0.25, 0.5, 0.75), axis=0)
-            at.plot(second[there], middle, color=COLOURS[tracker], linewidth=1.0, label=tracker)
-            at.fill_between(second[there], low, high, color=COLOURS[tracker], alpha=0.2, linewidth=0)
+            at.plot(second[there], middle, color=COLOURS[tracker], linewidth=1.0, label=label)
+            if tracker != GATE:
+                at.fill_between(second[there], low, high, color=COLOURS[tracker], alpha=0.2, linewidth=0)
         at.set(title=f"{scene}, {key}", xlabel="time [s]", ylabel="position error [m]")
         at.set_ylim(bottom=0.0)
         at.grid(color="#dddddd", linewidth=0.5)
@@ -63,19 +69,19 @@ def errors(runs: Sequence[Run], scene: str) -> Any:
 
 
 def ways(runs: Sequence[Run]) -> Any:
-    """What both trackers estimate in the first run of each scene, on the true ways."""
+    """What ec-jpda estimates, on jpda, in the first run of each scene, on the true ways."""
     figure, axes = _canvas(1, len(SCENES), (17.0, 6.0))
     for at, name in zip(axes[0], SCENES, strict=True):
         scene = the_scene(name)
         for vessel in scene.others:
-            at.plot(*vessel.course().at(np.arange(0.0, scene.scans)).position_m.T, color="#bbbbbb", linewidth=2.5)
+            at.plot(*vessel.course().at(np.arange(0.0, scene.scans)).position_m.T, color="#bbbbbb", linewidth=4.5)
         for mark in scene.mark:
             at.plot(mark.east_m, mark.north_m, "^" if mark.racon_m else "o", color="black", ms=5)
-        for tracker in TRACKERS:
+        for tracker, width in ((STANDARD, 2.6), (EC, 0.9)):
             run = named(runs, name, tracker)[0]
             for number, way in enumerate(run.way_m.values()):
                 label = None if number else tracker
-                at.plot(*way.T, color=COLOURS[tracker], linewidth=0.9, label=label)
+                at.plot(*way.T, color=COLOURS[tracker], linewidth=width, label=label)
         at.set(title=f"{name}, run {run.case.seed}", xlabel="east [m]", ylabel="north [m]", aspect="equal")
         at.legend(frameon=False, fontsize=8)
     return figure

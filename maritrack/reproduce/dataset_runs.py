@@ -12,6 +12,7 @@ from maritrack.cluster.stage import cluster_points
 from maritrack.config import load_config
 from maritrack.io.ais import read_ais
 from maritrack.io.reference import Reference, truth_at
+from maritrack.reproduce.claims import Case
 from maritrack.settings import Config
 from maritrack.simulate.aistable import reports_table
 from maritrack.simulate.campaign import Campaign, grabbed
@@ -30,15 +31,6 @@ OF_PAPER = (  # tracks start at the first words of AIS and are never ended (data
     "centroid.start=reference", "centroid.existence=certain", "tracker.delete_misses=100000",
     "tracker.delete_sigma_m=1e6",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A scene with its seed: what a worker is given."""
-
-    scene: str
-    seed: int
-    scans: int = 0  # 0 = all
 
 
 @dataclass(frozen=True, slots=True, eq=False)

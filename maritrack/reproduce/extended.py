@@ -7,10 +7,10 @@ are not public: `canal-1` with little wake and `canal-2` with much.
 from __future__ import annotations
 
 from maritrack.fanout import Tick, fan_out
-from maritrack.reproduce.claims import Plan, Report
+from maritrack.reproduce.claims import Case, Plan, Report
 from maritrack.reproduce.extended_claims import claims_of, table_cpu, table_definition, table_of
 from maritrack.reproduce.extended_figures import draw
-from maritrack.reproduce.extended_runs import SHIPS, TEST_1, TEST_2, Case, run_case
+from maritrack.reproduce.extended_runs import SHIPS, TEST_1, TEST_2, run_case
 
 RUNS, QUICK_RUNS = 100, 10
 OF_CANAL, QUICK_OF_CANAL = 10, 4

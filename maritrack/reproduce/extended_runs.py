@@ -11,6 +11,7 @@ from maritrack.chain import build_chain, process
 from maritrack.config import load_config
 from maritrack.io.fuse import united
 from maritrack.io.reference import Reference, truth_at
+from maritrack.reproduce.claims import Case
 from maritrack.settings import Config
 from maritrack.simulate.lidarscene import LidarScene, reference_of, scans_of
 from maritrack.simulate.scenes import load_any
@@ -39,15 +40,6 @@ _OF_GP: Mapping[str, tuple[str, ...]] = {
         "pmbm.birth_radius_m=60.0", "contour.length_m=7.0", "contour.width_m=3.0",
     ),
 }  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A scene with its seed: what a worker is given."""
-
-    scene: str
-    seed: int
-    scans: int = 0  # 0 = all
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,9 @@ import pytest
 
 from maritrack.fanout import fan_out
 from maritrack.reproduce import extended, extended_claims, extended_runs
-from maritrack.reproduce.claims import Plan
+from maritrack.reproduce.claims import Case, Plan
 from maritrack.reproduce.extended_claims import PAPER, bound, claims_of, interval, ratio
-from maritrack.reproduce.extended_runs import GP, JIPDA, SCENES, SCORES, SHIPS, TEST_1, TEST_2, TRACKERS, Case, Run
+from maritrack.reproduce.extended_runs import GP, JIPDA, SCENES, SCORES, SHIPS, TEST_1, TEST_2, TRACKERS, Run
 
 SCANS = 250
 Level = dict[tuple[str, str], dict[str, float]]
