@@ -133,7 +133,7 @@ def open_recording(
     if "truth" in side:
         if kinds[0] == "autoferry" and origin is None:
             origin = AutoferrySource.origin
-        reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date)
+        reference = read_reference(side["truth"], name="truth", origin=origin, date=settings.date, rwmr=config.rwmr)
         others = tuple(i for i in reference.ids if i != settings.own_ship)
         reference = only(reference, parse_ids(config.score.truth_match) or others)
         settings = dated(settings, reference)

@@ -108,14 +108,14 @@ def _config(archive: Archive, sets: Sequence[str], *, moving: bool, lags: Sequen
 
 def _reference(archive: Archive, truth: Path | None, config: Config) -> Reference | None:
     """Reports to take truth from; None = the archived truth of each scan is what is asked for."""
-    origin, date = archive.manifest.origin, config.input.date
+    told: Any = {"origin": archive.manifest.origin, "date": config.input.date, "rwmr": config.rwmr}
     chosen = parse_ids(config.score.truth_match)
     if truth is not None:
-        return only(read_reference(read_document(truth), name=str(truth), origin=origin, date=date), chosen)
+        return only(read_reference(read_document(truth), name=str(truth), **told), chosen)
     if _same_truth(archived_config(archive).score, config.score):
         return None
     if "truth" in archive.side:
-        return only(read_reference(archive.side["truth"], name="truth", origin=origin, date=date), chosen)
+        return only(read_reference(archive.side["truth"], name="truth", **told), chosen)
     job = archived_job(archive).job  # the recording itself may tell the truth
     reference = open_recording(job.octets, job.kinds, job.side, config).reference
     if reference is None:

@@ -29,6 +29,7 @@ from maritrack.types import Damage, FloatArray, Frame, Origin
 ORIGIN = Origin(63.4389029083, 10.39908278)  # Piren
 SENSORS = {"lidar": 1, "radar": 2}
 MAT5 = b"MATLAB 5.0 MAT-file"
+PARTS = ("detectionList", "groundTruth")  # the variables of a .mat file
 
 
 class AutoferrySource:
@@ -81,6 +82,14 @@ def autoferry_truth(data: bytes, *, name: str) -> Reference:
         return _reference(truth)
 
 
+def holds_autoferry(data: bytes) -> bool:
+    """Whether a MATLAB file has the variables of this data set, or can't be read at all."""
+    try:
+        return not read_mat(data).keys().isdisjoint(PARTS)
+    except InputError:
+        return True
+
+
 def _document(data: bytes) -> tuple[Sequence[Any] | None, Sequence[Any] | None]:
     """Detections and ground truth, None for what the file does not hold."""
     if data.startswith(MAT5):
@@ -93,7 +102,7 @@ def _document(data: bytes) -> tuple[Sequence[Any] | None, Sequence[Any] | None]:
 
 def _mat(data: bytes) -> tuple[Sequence[Any] | None, Sequence[Any] | None]:
     content = read_mat(data)
-    found = [content.get(name) for name in ("detectionList", "groundTruth")]
+    found = [content.get(name) for name in PARTS]
     if all(rows is None for rows in found):
         raise InputError("a MATLAB file without detectionList and groundTruth")
     detections, truth = (None if rows is None else list_of(rows, where="document") for rows in found)

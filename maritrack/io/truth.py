@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from maritrack.errors import InputError
 from maritrack.io import sniff
 from maritrack.io.ais import read_ais
 from maritrack.io.aismat import MAT5, holds_ais
-from maritrack.io.autoferry import ORIGIN, autoferry_truth
+from maritrack.io.autoferry import ORIGIN, autoferry_truth, holds_autoferry
+from maritrack.io.jsontext import naming
 from maritrack.io.octets import HEAD
 from maritrack.io.pointjson import point_origin, point_truth
 from maritrack.io.reference import Reference, moved_to
-from maritrack.types import Origin
+from maritrack.io.rwmr.truth import read_truth
+from maritrack.io.times import day_start_ns
+from maritrack.rwmrsettings import RwmrConfig
+from maritrack.types import Damage, Origin
 
 OWN_PLACE = re.compile(rb"\$[A-Z]{2}(?:RMC|GGA),")
 
 
 def read_reference(
-    data: bytes, *, name: str, origin: Origin | None, date: str = "", own_ship: str | None = None
-) -> Reference:
+    data: bytes, *, name: str, origin: Origin | None, date: str = "", own_ship: str | None = None,
+    rwmr: RwmrConfig | None = None,
+) -> Reference:  # fmt: skip
     """The truth of a points document, Autoferry ground truth (JSON or .mat) or AIS of any form, by its content.
 
     Positions are in the plane of `origin`; where it is None, in that of the document (AIS: about its own
-    ship, else its first report). `date` is for AIS times of day. InputError for what holds no truth.
+    ship, else its first report). `date` is for AIS times of day. InputError for what holds no truth. What
+    referenceMeas.mat says, read by `rwmr`, is in the plane of its folder, whatever the origin.
     """
     kind = document_kind(data, name=name)
     if kind == "points":
@@ -34,9 +41,14 @@ def read_reference(
         return moved_to(autoferry_truth(data, name=name), old=ORIGIN, new=origin)
     if kind == "ais":
         return read_ais(data, name=name, date=date, origin=origin, own_ship=own_ship).reference
+    if kind == "rwmr-truth":
+        with naming(name):
+            start_ns = day_start_ns(date, name=name)
+            reference, said = read_truth(data, rwmr or RwmrConfig(), steps=0, start_ns=start_ns)
+        return replace(reference, damage=tuple(Damage("guess", -1, text) for text in said))
     raise InputError(
         f"{name}: no reference positions",
-        hint="truth is AIS (sentences, CSV or .mat), points JSON or Autoferry ground truth",
+        hint="truth is AIS (sentences, CSV or .mat), points JSON, Autoferry ground truth or referenceMeas.mat",
     )
 
 
@@ -46,8 +58,8 @@ def document_kind(data: bytes, *, name: str, own: bool = False) -> str:
     `own`: a log of AIS sentences in which the ship's own instruments tell its place is "nmea".
     """
     kind = sniff(data[:HEAD], name)
-    if kind == "autoferry" and data.startswith(MAT5) and holds_ais(data):
-        return "ais"
+    if kind == "autoferry" and data.startswith(MAT5) and not holds_autoferry(data):
+        return "ais" if holds_ais(data) else "rwmr-truth"
     if own and kind == "ais" and OWN_PLACE.search(data[:HEAD]):
         return "nmea"
     return kind

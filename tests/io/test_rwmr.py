@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from PIL import Image
 from scipy.io import savemat
 
 from maritrack.errors import ConfigError, InputError
@@ -24,6 +25,7 @@ from maritrack.io.octets import octets_from_file
 from maritrack.io.rwmr.entries import read_steps
 from maritrack.io.rwmr.source import RwmrSource
 from maritrack.io.rwmr.truth import read_truth
+from maritrack.io.truth import document_origin, read_reference
 from maritrack.rwmrsettings import RwmrConfig
 from maritrack.settings import InputConfig
 from maritrack.types import Frame
@@ -323,6 +325,32 @@ def test_a_folder_becomes_a_run_with_truth_and_remarks_and_replays(tmp_path: Pat
         for file in sorted(path.glob("*.*")):
             archive.write(file, f"DARC_/{file.name}")
     assert len(list(source(zipped).frames())) == 8
+
+
+def test_the_reference_by_name_says_what_it_says_by_itself_and_scores_the_images_too(tmp_path: Path) -> None:
+    files = {"polarMeas_json": document(polar_at), "referenceMeas_mat": mat(**MATS["a struct a vessel"])}
+    path = folder(tmp_path / "DARC_", **files)
+    alone = ("--no-rrd", "--no-mcap", "--json", "--set", "cluster.eps_m=40")
+    by_itself, named = (
+        call("process", path, *alone),
+        call("process", path, *alone, "--truth", path / "referenceMeas.mat"),
+    )
+    assert named.code == 0 and named.json["metrics"] == by_itself.json["metrics"], named.err
+    assert named.json["counts"]["warnings"]["truth-guess"] > 0
+    images = path / "radarImages"
+    images.mkdir()
+    for k in range(3):
+        picture = Image.new("RGB", (64, 64))
+        picture.paste((255, 255, 255), (40, 20 + k, 46, 26 + k))
+        picture.save(images / f"{k:03d}.png")
+    sets = ("--set", "images.centre_px=[32,32]", "--set", "images.pixel_m=80", "--set", "images.blob_max_m=600")
+    seen = call("process", images, *alone, *sets, "--truth", path / "referenceMeas.mat", "--truth-match", "target3")
+    assert seen.code == 0 and seen.json["metrics"]["n_truth"] == 1.0, seen.err
+    data = mat(vessel=np.zeros((3, 4)))
+    with pytest.raises(InputError, match=r"x: no positions by name in vessel \(3x4\)"):
+        read_reference(data, name="x", origin=None)
+    told = read_reference(data, name="x", origin=None, rwmr=RwmrConfig(reference_map="east=1,north=2"))
+    assert len(told) == 1 and document_origin(data) is None
 
 
 @pytest.mark.parametrize("wrong", [{"rate_hz": 0.0}, {"heading_at": -2}, {"reference_map": "east"},

@@ -104,7 +104,7 @@ def test_a_matlab_file_without_positions_says_what_it_holds(tmp_path):
     with pytest.raises(InputError, match="x: no columns of latitude and longitude: it holds radar, speed"):
         table_of_mat(data, name="x")
     uneven = mat(tmp_path, lat=np.zeros(3), lon=np.zeros(2), time=np.zeros(3))
-    assert document_kind(uneven, name="x") == "autoferry"
+    assert document_kind(uneven, name="x") == "rwmr-truth"
     cut = mat(tmp_path, **COLUMNS)[:-9]
     with pytest.raises(InputError):
         reports(cut)
