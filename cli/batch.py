@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -46,6 +46,7 @@ def batch(
     sets: opt.Sets = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     truth: opt.Truths = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: opt.OwnShips = None,
     segment: Annotated[float, opt.method("--segment", SEGMENT)] = 60.0,
     overlap: Annotated[float | None, opt.method("--overlap", OVERLAP)] = None,
@@ -70,9 +71,8 @@ def batch(
         render.note(f"note: {len(others)} files are no recordings: {others[0]}, ...", quiet=quiet)
     folder = str(Path.cwd()) if scheduler else ""  # relative paths are of here, wherever the workers stand
     sources = named(names, truth=truth or (), own_ship=own_ship or (), folder=folder)
-    over: dict[str, Any] = {"score": {"moving_only": True}} if moving else {}
     processes = opt.processes(workers)
-    settings = Settings(preset=preset, file=config, sets=sets or (), over=over)
+    settings = Settings(preset=preset, file=config, sets=sets or (), over=opt.scored(moving, truth_match))
     runs = plan(
         sources, axes=parse_axes(grid or ()), seeds=(), settings=settings, workers=processes, scheduler=scheduler
     )  # fmt: skip

@@ -73,3 +73,9 @@ def check_workers(workers: int) -> None:
 
     if not 1 <= workers <= MOST_WORKERS:
         raise UsageError(f"--workers {workers}: from 1 to {MOST_WORKERS}")
+
+
+def scored(moving: bool, truth_match: str) -> dict[str, Any]:
+    """--moving and --truth-match as settings."""
+    score = ({"moving_only": True} if moving else {}) | ({"truth_match": truth_match} if truth_match else {})
+    return {"score": score} if score else {}

@@ -45,6 +45,7 @@ def sweep(
     sets: opt.Sets = None,
     moving: Annotated[bool, opt.method("--moving", "Score moving tracks only.")] = False,
     truth: opt.Truths = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: opt.OwnShips = None,
     limit: opt.Limit = None,
     scans: Annotated[int, opt.given("--scans", "Scans of a scene; 0 = as many as it has.")] = 0,
@@ -64,7 +65,7 @@ def sweep(
     folder = str(Path.cwd()) if scheduler else ""  # relative paths are of here, wherever the workers stand
     sources = named(inputs, scans=scans, truth=truth or (), own_ship=own_ship or (), folder=folder)
     over: dict[str, Any] = {"input": {"limit": limit}} if limit is not None else {}
-    over |= {"score": {"moving_only": True}} if moving else {}
+    over |= opt.scored(moving, truth_match)
     processes = opt.processes(workers)
     settings = Settings(preset=preset, file=config, sets=sets or (), over=over)
     runs = plan(sources, axes=axes, seeds=chosen, settings=settings, workers=processes, scheduler=scheduler)

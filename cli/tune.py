@@ -64,6 +64,7 @@ Folder = Annotated[Path | None, opt.output("--out", "-o", "Folder for the pictur
 def clustering(
     recordings: Recordings,
     truth: Truths = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: OwnShips = None,
     eps: Annotated[str, opt.method("--eps", "Metres: FROM:TO:STEP or A,B,C.")] = "20:95:5",
     min_points: Annotated[str, opt.method("--min-points", "FROM:TO or A,B,C.")] = "1:8",
@@ -98,7 +99,7 @@ def clustering(
     if noise not in study.NOISES:
         raise UsageError(f"--noise {noise}: one of {', '.join(study.NOISES)}")
     subjects = all_subjects(recordings, truth=truth or (), own_ship=own_ship or (), positions=positions)
-    settings = _config(recordings[0], preset, config, sets, limit)
+    settings = _config(recordings[0], preset, config, sets, limit, truth_match)
     found = []
     for subject in subjects:
         with render.steps(f"{subject.path.name}: scan", quiet=quiet) as tick:
@@ -126,6 +127,7 @@ def clustering(
 def tracker(
     recordings: Recordings,
     truth: Truths = None,
+    truth_match: opt.TruthMatch = "",
     own_ship: OwnShips = None,
     grid: Annotated[list[str] | None, opt.method("--grid", "KEY=V1,V2,... or KEY=FROM:TO:STEP.")] = None,
     trackers: Annotated[str, opt.method("--tracker", "-t", "Trackers, with commas; by default the preset's.")] = "",
@@ -155,7 +157,7 @@ def tracker(
         raise UsageError("--grid or --tracker says what to try, each key and tracker once")
     subjects = study.subjects(recordings, truth=truth or (), own_ship=own_ship or ())
     given: dict[str, Any] = {"input": {"limit": limit}} if limit is not None else {}
-    given |= ({"score": {"moving_only": True}} if moving else {}) | ({"seed": seed} if seed is not None else {})
+    given |= opt.scored(moving, truth_match) | ({"seed": seed} if seed is not None else {})
     chosen = preset or default_preset([subject.kind for subject in subjects])
     combinations = study.configurations(axes, preset=chosen, file=config, sets=sets or (), over=given)
     with render.steps("runs", quiet=quiet) as tick:
@@ -174,11 +176,13 @@ def tracker(
     render.emit_json(document) if json_ else tunepage.tracking(document)
 
 
-def _config(first: Path, preset: str, config: Path | None, sets: list[str] | None, limit: int | None) -> Any:
+def _config(
+    first: Path, preset: str, config: Path | None, sets: list[str] | None, limit: int | None, match: str
+) -> Any:
     """The configuration that says where points are detected."""
     from maritrack.config import load_config
     from maritrack.recording import default_preset, kinds_of, open_inputs
 
-    over = {"input": {"limit": limit}} if limit is not None else {}
+    over = ({"input": {"limit": limit}} if limit is not None else {}) | opt.scored(False, match)
     chosen = preset or default_preset(kinds_of(open_inputs([first])))
     return load_config(preset=chosen, file=config, sets=sets or (), over=over)

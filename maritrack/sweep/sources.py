@@ -12,6 +12,7 @@ from pathlib import Path
 
 from maritrack.errors import InputError, UsageError
 from maritrack.io.documents import read_document, unpacked
+from maritrack.io.images.pack import SIDE_NAMES, pack_folder
 from maritrack.io.octets import octets_from_file
 from maritrack.io.remote import exists, is_url, matching, octets_from_url, read_url, size_of, token_of
 from maritrack.io.source import Octets
@@ -22,7 +23,7 @@ from maritrack.simulate.campaignwriter import simulate_campaign
 from maritrack.simulate.lidarscene import LidarScene, simulate_lidar
 from maritrack.simulate.pointscene import PointScene, simulate_points
 from maritrack.simulate.record import simulate
-from maritrack.simulate.scenes import load_any, scene_names
+from maritrack.simulate.scenes import Scene, load_any, scene_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +85,8 @@ def named(
 def recordings(places: Sequence[str]) -> tuple[list[str], list[str]]:
     """Recordings in folders, of patterns (`radar/*.cat240`, of URLs as well) and by name; and files that are none.
 
-    What lies in a folder is told by content; truth that lies beside a recording is no recording. UsageError where a
-    place holds none.
+    What lies in a folder is told by content; truth that lies beside a recording is no recording, and a folder of the
+    DLR data set or of pictures alone is one. UsageError where a place holds none.
     """
     found: list[str] = []
     others: list[str] = []
@@ -93,16 +94,29 @@ def recordings(places: Sequence[str]) -> tuple[list[str], list[str]]:
         if is_url(place):
             names = matching(place) if "*" in place else [place]
         elif Path(place).is_dir():
-            files = sorted(str(path) for path in Path(place).iterdir() if path.is_file())
-            beside = {str(Path(file).with_name(name)) for file in files for name in truth_names(Path(file).name)}
-            names = [file for file in files if file not in beside and _is_recording(file)]
-            others += [file for file in files if file not in names]
+            names, left = _inside(Path(place))
+            others += left
         else:
             names = [place] if Path(place).exists() or not set(place) & set("*?[") else sorted(glob(place))
         if not names:
             raise UsageError(f"{place}: no recording there")
         found += names
     return list(dict.fromkeys(found)), others
+
+
+def _inside(folder: Path) -> tuple[list[str], list[str]]:
+    """Recordings in a folder, folders that are one among them, or the folder itself; and files that are none."""
+    pack, entries = pack_folder(folder), sorted(folder.iterdir())
+    if pack is not None and any(name.lower() in SIDE_NAMES[:2] for name in pack.names):
+        return [str(folder)], []
+    files = [str(path) for path in entries if path.is_file()]
+    beside = {str(Path(file).with_name(name)) for file in files for name in truth_names(Path(file).name)}
+    beside |= {file for file in files if Path(file).name.lower() in SIDE_NAMES}
+    found = [file for file in files if file not in beside and _is_recording(file)]
+    found += [str(path) for path in entries if path.is_dir() and pack_folder(path) is not None]
+    if pack is not None and not found:
+        return [str(folder)], []
+    return sorted(found), [file for file in files if file not in found]
 
 
 def _is_recording(name: str) -> bool:
@@ -141,7 +155,7 @@ def examine(source: Source) -> Known:
         scene = load_any(source.name)
         shown = f"{scene!r} {source.scans}"
         return Known(
-            "points" if isinstance(scene, (PointScene, LidarScene)) else "cat240",
+            "cat240" if isinstance(scene, Scene) else "points",
             hashlib.sha256(shown.encode()).hexdigest(), {}, stamp=stamped,
         )  # fmt: skip
     with opened(source, seed=0) as found:

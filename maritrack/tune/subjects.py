@@ -110,6 +110,8 @@ def labelled_scans(
             labelling = GivenLabels()
     if moving_only and not isinstance(labelling, HullLabels):
         raise UsageError(f"{of.path}: --moving is for labels by positions", hint="--positions")
+    if config.score.truth_match and not isinstance(labelling, HullLabels):
+        raise UsageError(f"{of.path}: --truth-match is for labels by positions", hint="--positions")
     if isinstance(labelling, HullLabels) and recording.reference is None:
         raise UsageError(f"{of.path}: no labelled cells and no truth beside it", hint="pass it with --truth")
     return _labelled(_windowed(frames, config), config, labelling), labelling

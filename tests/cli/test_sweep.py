@@ -36,6 +36,20 @@ def test_a_sweep_goes_on_where_it_was(study: Path) -> None:
     assert [row["tracker"] for row in again["rows"]] == ["sprt", "jipda"]
 
 
+def test_chosen_ships_are_all_the_truth_of_a_sweep(tmp_path: Path) -> None:
+    def n_truth(*more: str) -> float:
+        done = call("sweep", FERRY, "--limit", "4", "-o", tmp_path / str(len(more)), "--workers", "1", "--json", *more)
+        (row,) = done.json["rows"]
+        return float(row["metrics"]["n_truth"])
+
+    assert (n_truth(), n_truth("--truth-match", "1")) == (2.0, 1.0)
+
+
+def test_a_scene_of_points_is_swept_as_points(tmp_path: Path) -> None:
+    done = call("sweep", "daan", "--scans", "3", "-o", tmp_path, "--workers", "1", "--json")
+    assert [(row["kind"], row["preset"]) for row in done.json["rows"]] == [("points", "points")]
+
+
 def test_a_table_tells_groups_and_differences(study: Path, tmp_path: Path) -> None:
     picture = tmp_path / "study.png"
     done = call("table", study, "--by", "tracker", "--metric", "gospa", "--against", "sprt", "--plot", picture)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,21 @@ def test_a_failed_combination_is_told_in_its_row(tmp_path: Path) -> None:
     assert [bool(row["error"]) for row in table(tmp_path / "tracker.csv")] == [False, True]
     three = ("--grid", "seed=1", "--grid", "model.rho=0.2", "--grid", "model.p_gate=0.9")
     assert "picture" in call("tune", "tracker", FERRY, *three, "--limit", "5", "-o", tmp_path).err
+
+
+def test_chosen_ships_are_all_the_truth_of_a_study(labelled: Path) -> None:
+    def n_truth(*more: str) -> float:
+        done = call("tune", "tracker", FERRY, "--tracker", "jipda", "--limit", "4", "--json", *more)
+        return float(done.json["rows"][0]["metrics"]["n_truth"])
+
+    assert (n_truth(), n_truth("--truth-match", "1")) == (2.0, 1.0)
+    ids = sorted({row["id"] for row in json.loads(labelled.with_suffix(".truth.json").read_text())["truth"]})
+    counts = [
+        call("tune", "clustering", labelled, *SMALL, "--positions", "--json", *more).json["grid"]
+        for more in ((), ("--truth-match", ids[0]))
+    ]
+    assert counts[0] != counts[1]
+    assert "--positions" in call("tune", "clustering", labelled, *SMALL, "--truth-match", ids[0]).err
 
 
 def test_wrong_use_is_told_in_one_line(labelled: Path, tmp_path: Path) -> None:
