@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -14,10 +15,12 @@ from .sweep import GRID, note_doubles, tell
 HELP = """Many recordings: a folder, a pattern, URLs. One table holds what came of them, as of `maritrack sweep`.
 
 A recording longer than --segment is run in segments of equal length, at the same time where there are cores, and
-joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn what the run in one piece knows by then;
-tracks that are alive at a seam keep their ids. Runs joined so differ a little from those in one piece, most just behind
-a seam: summary.json says how many tracks were alive at each and how many kept their ids. --segment 0 splits nothing.
-With --scheduler all workers must see DIR under the same path.
+joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn most of what the run in one piece knows by
+then, and is run on behind its end until the next one tells the same for 48 scans: up to there the joined run is that of
+one piece, ids included, from there on it is so to 1 cm, but for what the background forgets later. Where two segments
+never tell the same the whole of the next is run again. summary.json tells where the seams are, how many tracks were
+alive there and how many kept their ids. --segment 0 splits nothing. With --scheduler all workers must see DIR under
+the same path.
 
 Examples:
 
@@ -29,6 +32,7 @@ Examples:
 """
 SEGMENT = "Minutes; longer recordings are split. 0 = none is."
 OVERLAP = "Seconds before a segment counts; by default as long as the settings remember."
+RUN_ON = "Seconds for which a segment is run on, at most, until the next tells the same; by default all of the next."
 
 
 def register(app: typer.Typer) -> None:
@@ -50,6 +54,7 @@ def batch(
     own_ship: opt.OwnShips = None,
     segment: Annotated[float, opt.method("--segment", SEGMENT)] = 60.0,
     overlap: Annotated[float | None, opt.method("--overlap", OVERLAP)] = None,
+    run_on: Annotated[float | None, opt.method("--run-on", RUN_ON)] = None,
     workers: opt.AllWorkers = 0,
     scheduler: opt.Scheduler = "",
     archive: Annotated[bool, opt.output("--archive", "Keep run.mcap of short recordings as well.")] = False,
@@ -64,8 +69,8 @@ def batch(
     from maritrack.sweep.plan import Settings, parse_axes, plan
     from maritrack.sweep.sources import named, octets_in, recordings
 
-    if segment < 0 or (overlap is not None and overlap < 0):
-        raise UsageError("--segment and --overlap must not be negative")
+    if segment < 0 or (overlap is not None and overlap < 0) or (run_on is not None and run_on < 0):
+        raise UsageError("--segment, --overlap and --run-on must not be negative")
     names, others = recordings(places)
     if others:
         render.note(f"note: {len(others)} files are no recordings: {others[0]}, ...", quiet=quiet)
@@ -77,7 +82,10 @@ def batch(
         sources, axes=parse_axes(grid or ()), seeds=(), settings=settings, workers=processes, scheduler=scheduler
     )  # fmt: skip
     sizes = {source.name: octets_in(source) for source in sources} if segment else {}
-    cut = Cut(segment_s=60.0 * segment, overlap_s=-1.0 if overlap is None else overlap)
+    cut = Cut(
+        segment_s=60.0 * segment, overlap_s=-1.0 if overlap is None else overlap,
+        run_on_s=math.inf if run_on is None else run_on,
+    )  # fmt: skip
     with render.runs(quiet=quiet) as tick:
         found = run_all(
             runs, out, cut, sizes=sizes, workers=processes, scheduler=scheduler, keep=archive, retry=retry, tick=tick

@@ -202,7 +202,7 @@ def _notes(archive: Archive) -> Iterator[str]:
         if now.get(name) != old:
             yield f"{name} {now.get(name, '-')} instead of {old}"
     if manifest.joined:
-        yield f"the run was joined of {manifest.joined}: in one piece it differs about the seams"
+        yield f"the run was joined of {manifest.joined}: in one piece it differs a little behind the seams"
     if archive.damage:
         yield f"{archive.damage[0].message}; {archive.n_scans} scans are archived" + _lost(archive)
     elif archive.summary.get("interrupted"):

@@ -7,6 +7,7 @@ runs/<run id>/       archive and summary of joined runs, and of all where they a
 from __future__ import annotations
 
 import hashlib
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from maritrack.sweep import drive
 from maritrack.sweep.drive import Outcome, Tick
 from maritrack.sweep.joining import Join, join
 from maritrack.sweep.plan import Run
-from maritrack.sweep.segments import Index, Segment, Task, index, overlap_of, read_report, run_segment, split
+from maritrack.sweep.segments import Index, Segment, Task, index, overlap_of, paths, read_report, run_segment, split
 from maritrack.sweep.store import ROWS, RUNS, read_row, write_row, write_table
 from maritrack.sweep.work import KILLED, Done, failed, results, row_of
 
@@ -34,6 +35,7 @@ class Cut:
 
     segment_s: float
     overlap_s: float = -1.0  # negative = by the memories of the settings
+    run_on_s: float = math.inf  # behind its end, at most; 0 = the next counts from its beginning, whatever it tells
 
     def overlap_of(self, run: Run) -> float:
         return self.overlap_s if self.overlap_s >= 0 else overlap_of(run)
@@ -46,6 +48,7 @@ class Long:
     run: Run  # its id is that of the joined run
     segments: tuple[Segment, ...]
     joined: str
+    run_on_s: float
 
 
 def batch(
@@ -59,7 +62,7 @@ def batch(
     candidates = [run for run in runs if not run.error and sizes.get(run.source.name, 0) >= LEAST_OCTETS]
     indices = dict(fan_out(index, candidates, workers=workers, scheduler=scheduler))
     long = {run.run_id: found for i, run in enumerate(candidates) if (found := _long(run, indices[i], cut)) is not None}
-    steps = len(runs) + sum(len(one.segments) for one in long.values())
+    steps = len(runs) + sum(2 * len(one.segments) - 1 for one in long.values())
     short = drive.sweep(
         [run for run in runs if run.run_id not in long], out, workers=workers, scheduler=scheduler, keep=keep,
         retry=retry, tick=None if tick is None else lambda done, bad, _: tick(done, bad, steps),
@@ -83,13 +86,14 @@ def _long(run: Run, found: Index | str, cut: Cut) -> Long | None:
     segments = split(found, segment_s=cut.segment_s, overlap_s=overlap_s)
     if len(segments) < 2:
         return None
-    joined = f"{len(segments)} segments with overlaps of {overlap_s:g} s"
+    most = "until the next tells the same" if math.isinf(cut.run_on_s) else f"for {cut.run_on_s:g} s at most"
+    joined = f"{len(segments)} segments with overlaps of {overlap_s:g} s, run on {most}"
     run_id = hashlib.sha256(f"{run.run_id} {joined}".encode()).hexdigest()
-    return Long(replace(run, run_id=run_id), tuple(segments), joined)
+    return Long(replace(run, run_id=run_id), tuple(segments), joined, cut.run_on_s)
 
 
 def _run_long(todo: Sequence[Long], out: Path, workers: int, scheduler: str, step: Callable[[int, int], None]) -> None:
-    """Run the segments of all recordings, whatever the order, then join each."""
+    """Run the segments of all recordings, whatever the order, then each on until the next tells the same, then join."""
     (out / ROWS).mkdir(parents=True, exist_ok=True)
     code, errors = code_digest(), dict[str, str]()
     tasks = [
@@ -97,15 +101,47 @@ def _run_long(todo: Sequence[Long], out: Path, workers: int, scheduler: str, ste
         for one in todo for segment in one.segments if read_report(_folder(out, one), segment.number) is None
     ]  # fmt: skip
     step(sum(len(one.segments) for one in todo) - len(tasks), 0)
-    for number, error in fan_out(run_segment, tasks, workers=workers, scheduler=scheduler, lost=lambda _: KILLED):
-        if error:
-            errors.setdefault(tasks[number].run.run_id, error)
-        step(1, 0)
+    seen = set[tuple[str, int]]()
+    while tasks := tasks or [
+        task for one in todo if one.run.run_id not in errors for task in _due(one, _folder(out, one), code)
+    ]:
+        for number, error in fan_out(run_segment, tasks, workers=workers, scheduler=scheduler, lost=lambda _: KILLED):
+            task = tasks[number]
+            if error:
+                errors.setdefault(task.run.run_id, error)
+            if not task.state or (task.run.run_id, task.segment.number) not in seen:  # not when it is run on anew
+                step(1, 0)
+                seen |= {(task.run.run_id, task.segment.number)} if task.state else set()
+        tasks = []
     for one in todo:
+        step(len(one.segments) - 1 - sum(run_id == one.run.run_id for run_id, _ in seen), 0)
         if one.run.run_id in errors:
             write_row(out, failed(one.run, errors[one.run.run_id]))
             step(1, 1)
-    whole = [one for one in todo if one.run.run_id not in errors]
+    _join_all([one for one in todo if one.run.run_id not in errors], out, workers, scheduler, step)
+
+
+def _due(one: Long, folder: Path, code: str) -> list[Task]:
+    """Which segments are to be run on, from which memory: of the segment, or of what was run on through all of it.
+
+    Where it is not known yet whether the latter comes, the former is taken, so that all may be run at once.
+    """
+    due, state = [], paths(folder, one.segments[0].number).state
+    for segment in one.segments[1:] if one.run_on_s > 0 else ():
+        report = read_report(folder, segment.number, on=True)
+        done = report is not None and report["state"] == state.name
+        if not done:
+            due.append(Task(run=one.run, segment=segment, folder=str(folder), code_sha256=code, state=str(state),
+                            run_on_s=one.run_on_s))  # fmt: skip
+        through = done and report is not None and report["end"] == segment.end
+        state = paths(folder, segment.number, on=through).state
+    return due
+
+
+def _join_all(
+    whole: Sequence[Long], out: Path, workers: int, scheduler: str, step: Callable[[int, int], None]
+) -> None:  # fmt: skip
+    """Join the segments of each recording, and write its row."""
     joins = [
         Join(run=one.run, run_id=one.run.run_id, joined=one.joined, segments=one.segments,
              folder=str(_folder(out, one)), out=str((out / RUNS / one.run.run_id[:16]).resolve()))

@@ -31,8 +31,8 @@ from maritrack.settings import Config
 from maritrack.sinks.mcap import McapSink
 from maritrack.sinks.summary import write_summary
 from maritrack.sweep.plan import Run
-from maritrack.sweep.seams import Names, Seam, kept, seams
-from maritrack.sweep.segments import Segment, damage_of, paths, read_report
+from maritrack.sweep.seams import Names, Piece, Seam, kept, pieces_of, seams
+from maritrack.sweep.segments import Segment, damage_of, read_report
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Damage, Event, Frame, Result, Tracks, take
 
 NAMED = re.compile(r"track (\d+) ")  # the beginning of a line of the log about a track
@@ -62,8 +62,9 @@ def _join(job: Join) -> Mapping[str, Any]:
     folder, out, config = Path(job.folder), Path(job.out), job.run.config
     assert config is not None
     out.mkdir(parents=True, exist_ok=True)
-    found, names = seams(folder, job.segments)
-    first = read_archive(paths(folder, job.segments[0].number)[0])
+    pieces = pieces_of(folder, job.segments)
+    found, names = seams(pieces)
+    first = read_archive(pieces[0].archive)
     manifest = replace(first.manifest, run_id=job.run_id, joined=job.joined, recording=Path(job.run.source.name).stem)
     sink = McapSink(
         out / MCAP,
@@ -72,14 +73,17 @@ def _join(job: Join) -> Mapping[str, Any]:
         chunk_scans=config.output.chunk_scans,
         points=config.output.archive_points,
     )
-    reports = [report for one in job.segments if (report := read_report(folder, one.number)) is not None]
+    reports = [
+        report for one in job.segments for on in (False, True)
+        if (report := read_report(folder, one.number, on=on)) is not None
+    ]  # fmt: skip
     tally = Tally(ScoreSums(), config.score.hold_m)
     for damage in damage_of(reports):
         _note(tally, damage)
     sink.open(manifest)
     try:
-        for segment, own in zip(job.segments, names, strict=True):
-            for parts in _scans(paths(folder, segment.number)[0], segment):
+        for piece, own in zip(pieces, names, strict=True):
+            for parts in _scans(piece):
                 named = _named(parts, own, config)
                 sink.copy(parts[0].k, parts[0].t_ns, [(message.topic, message.data) for message in named])
                 result = _result(named)
@@ -89,7 +93,7 @@ def _join(job: Join) -> Mapping[str, Any]:
         stages = [name for name in summary["timing"] if name != "total_s"]
         for name in stages:  # of all scans that were worked on, those of the overlaps included
             summary["timing"][name] = sum(r["timing"][name] * r["scans"] for r in reports) / max(tally.frames, 1)
-        summary["segments"] = _told(job, found) | {"scans_with_overlaps": scans}
+        summary["segments"] = _told(job, pieces, found) | {"scans_with_overlaps": scans}
         sink.close(summary)
     except BaseException:
         sink.abort()
@@ -105,14 +109,16 @@ def _note(tally: Tally, damage: Damage) -> None:
     tally.damage_sensor[key] = tally.damage_sensor.get(key, 0) + damage.count
 
 
-def _scans(archive: Path, segment: Segment) -> Iterator[list[Stored]]:
-    """The messages of each scan of a segment that counts."""
+def _scans(piece: Piece) -> Iterator[list[Stored]]:
+    """The messages of each scan that counts."""
     parts: list[Stored] = []
-    for message in iter_messages(archive, OUTPUTS):
+    for message in iter_messages(piece.archive, OUTPUTS):
+        if message.k >= piece.end:
+            break
         if parts and message.k != parts[0].k:
             yield parts
             parts = []
-        if segment.begin <= message.k < segment.end:
+        if message.k >= piece.begin:
             parts.append(message)
     if parts:
         yield parts
@@ -178,15 +184,18 @@ def _result(parts: Sequence[Stored]) -> Result:
     return Result(frame, points, keep, scan.clusters, scan.tracks, scan.scores, scan.events, {})
 
 
-def _told(job: Join, found: Sequence[Seam]) -> dict[str, Any]:
+def _told(job: Join, pieces: Sequence[Piece], found: Sequence[Seam]) -> dict[str, Any]:
     alive, same = kept(found)
+    behind = [piece for piece in pieces[1:] if not piece.goes_on]
+    starts = [segment.begin for segment in job.segments]
     return {
         "joined": job.joined,
         "tracks_at_seams": alive,
         "tracks_kept": same,
+        "run_again": len(starts) - 1 - len(found),  # segments in which no scan agreed for long enough
         "seams": [
-            {"scan": s.scan, "tracks": s.before, "kept": s.joined, "ended": s.ended, "begun": s.begun,
-             "apart_m": s.apart_m}
-            for s in found
+            {"scan": s.scan, "run_on": s.scan - max(start for start in starts if start <= s.scan), "agreed": b.agreed,
+             "tracks": s.before, "kept": s.joined, "ended": s.ended, "begun": s.begun, "apart_m": s.apart_m}
+            for s, b in zip(found, behind, strict=True)
         ],
     }  # fmt: skip

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from maritrack.io.archive import iter_messages
 from maritrack.io.messages import decode_tracks
-from maritrack.sweep.segments import Segment, paths
+from maritrack.sweep.segments import Segment, paths, read_report
 from maritrack.types import CONFIRMED, FloatArray, Tracks
 
 COMPARED = 10  # last scans of the overlap in which tracks are compared
@@ -60,11 +60,35 @@ class Names:
         return local + self.shift if local > self.top else self.known.get(local, 0)
 
 
-def tails(folder: Path, segment: Segment, seam: int) -> Tail:
-    """The tracks of a segment in the last scans before a seam."""
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Scans of an archive that count, in the order of the recording."""
+
+    archive: Path
+    begin: int
+    end: int
+    goes_on: bool  # with the memory, and so the ids, of the piece before
+    agreed: bool = True  # the piece before told the same up to the seam
+
+
+def pieces_of(folder: Path, segments: Sequence[Segment]) -> list[Piece]:
+    """What counts of segments that have been run, and run on: the segment before until it tells the same."""
+    result = [Piece(paths(folder, segments[0].number).archive, segments[0].begin, segments[0].end, False)]
+    for segment in segments[1:]:
+        report = read_report(folder, segment.number, on=True)
+        end, agreed = (segment.begin, False) if report is None else (int(report["end"]), bool(report["agreed"]))
+        if end > segment.begin:
+            result.append(Piece(paths(folder, segment.number, on=True).archive, segment.begin, end, True))
+        if end < segment.end:
+            result.append(Piece(paths(folder, segment.number).archive, end, segment.end, False, agreed))
+    return result
+
+
+def tails(archive: Path, seam: int) -> Tail:
+    """The tracks of an archive in the last scans before a seam."""
     by_scan: dict[int, Tracks] = {}
     top = 0
-    for message in iter_messages(paths(folder, segment.number)[0], {"/tracks"}):
+    for message in iter_messages(archive, {"/tracks"}):
         if message.k >= seam:
             break
         tracks = decode_tracks(message.data)
@@ -126,32 +150,40 @@ def _apart(a: Tracks | None, b: Tracks | None, pairs: Mapping[int, int]) -> floa
     return float(gaps.max(initial=0.0))
 
 
-def seams(folder: Path, segments: Sequence[Segment]) -> tuple[list[Seam], list[Names]]:
-    """All seams of a run, and what the ids of each segment become.
+def seams(pieces: Sequence[Piece]) -> tuple[list[Seam], list[Names]]:
+    """All seams of a run, and what the ids of each piece become.
 
     A track that only the segment behind a seam knows gets a number beyond all others, so that it shifts none of them.
     """
     found: list[Seam] = []
     names = [Names({}, frozenset(), 0, 0)]
-    for a, b in itertools.pairwise(segments):
-        before, behind = tails(folder, a, b.begin), tails(folder, b, b.begin)
+    reached = 0  # highest id that the piece before has given, with what it goes on from
+    for a, b in itertools.pairwise(pieces):
+        before = tails(a.archive, b.begin)
+        reached = max(before.top, names[-1].top, reached)
+        if b.goes_on:
+            names.append(names[-1])
+            continue
+        behind = tails(b.archive, b.begin)
         seam = match(before, behind, b.begin)
         known = {j: names[-1].of(i) for j, i in seam.pairs.items()}
-        top = max(before.top, names[-1].top) + names[-1].shift
+        top, reached = reached + names[-1].shift, behind.top
         held = {known[j] for j, i in seam.pairs.items() if i in seam.confirmed or known[j] in names[-1].held}
         names.append(Names(known, frozenset(held), behind.top, top - behind.top))
         found.append(seam)
-    last = tails(folder, segments[-1], segments[-1].end)
-    return found, _strangers(folder, segments, names, max(last.top, names[-1].top) + names[-1].shift)
+    last = tails(pieces[-1].archive, pieces[-1].end)
+    return found, _strangers(pieces, names, max(last.top, names[-1].top, reached) + names[-1].shift)
 
 
-def _strangers(folder: Path, segments: Sequence[Segment], names: Sequence[Names], top: int) -> list[Names]:
+def _strangers(pieces: Sequence[Piece], names: Sequence[Names], top: int) -> list[Names]:
     """The names with those of tracks that are alive behind a seam and unknown before it."""
     result = [names[0]]
-    for segment, own in zip(segments[1:], names[1:], strict=True):
-        alive = _alive_from(paths(folder, segment.number)[0], segment.begin)
+    for piece, own in zip(pieces[1:], names[1:], strict=True):
+        if piece.goes_on:
+            result.append(result[-1])
+            continue
         known = dict(own.known)
-        for local in alive:
+        for local in _alive_from(piece.archive, piece.begin):
             if local <= own.top and local not in known:
                 top += 1
                 known[local] = top

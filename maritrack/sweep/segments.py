@@ -1,9 +1,11 @@
 """A long recording in segments: where its turns begin, which turns a segment has, and the run of one of them.
 
-A segment begins with an overlap before its first turn that counts, to learn what the run in one piece knew by then: the
-background, the clutter, the tracks, and which tracks on land and at berths the background has taken and ended. How long
-that takes is a matter of the memories in the settings (`overlap_of`). To learn the background alone first does not do:
-without tracks nothing under way is spared, slow ships become background, and their tracks start late.
+A segment begins with an overlap before its first turn that counts, to learn most of what the run in one piece knew by
+then: the background, the clutter, the tracks, and which tracks on land and at berths the background has taken and
+ended. How long that takes is a matter of the memories in the settings (`overlap_of`). To learn the background alone
+first does not do: without tracks nothing under way is spared, slow ships become background, and their tracks start
+late. What is still not the same then is left to the segment before, which is run on behind its end, with the memory it
+has there (`maritrack.sweep.runon`).
 """
 
 from __future__ import annotations
@@ -15,11 +17,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from maritrack.chain import build_chain
+from maritrack.chain import Chain, build_chain
 from maritrack.errors import FAILURES, InputError, UsageError, told
 from maritrack.io.containers.kinds import RAW, container_of
 from maritrack.io.octets import HEAD, FileChunks
@@ -30,7 +32,9 @@ from maritrack.recording import Recording, open_recording
 from maritrack.run import run
 from maritrack.sinks.mcap import McapSink
 from maritrack.sinks.summary import json_octets
+from maritrack.sweep.handover import read_state, state_octets
 from maritrack.sweep.plan import Run
+from maritrack.sweep.runon import AGREED, Keeper, told_by
 from maritrack.sweep.sources import Opened, opened
 from maritrack.types import Damage, Frame, IntArray, RunManifest
 
@@ -50,25 +54,42 @@ class Index:
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """A scan and where it is in the input."""
+
+    scan: int
+    octet: int  # where to read from; -1 = from the beginning
+    t_ns: int  # of the scan, which tells whether reading from there gives the same scans
+
+
+@dataclass(frozen=True, slots=True)
 class Segment:
     """Scans of a recording that are run together."""
 
     number: int
-    first: int  # scan with which the overlap begins
-    begin: int  # first scan that counts
+    start: Place  # where the overlap begins
+    seam: Place  # first scan that counts
     end: int  # the scan after the last
-    octet: int  # where to read from
-    t_ns: int  # of the scan `first`, which tells whether reading from there gives the same scans
+
+    @property
+    def first(self) -> int:
+        return self.start.scan
+
+    @property
+    def begin(self) -> int:
+        return self.seam.scan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A segment of a run, to be run by a worker."""
+    """A segment of a run, or the one before it run on behind its beginning, to be run by a worker."""
 
     run: Run
     segment: Segment
     folder: str  # as the workers see it
     code_sha256: str
+    state: str = ""  # file of the memory that is gone on with; "" = the segment itself, without any
+    run_on_s: float = math.inf  # at most
 
 
 @dataclass(slots=True)
@@ -133,15 +154,25 @@ def split(found: Index, *, segment_s: float, overlap_s: float) -> list[Segment]:
     first = np.searchsorted(ordered, np.maximum(at_ns - round(overlap_s * 1e9), t[0]))
     end = np.append(begin[1:], len(t))
     rows = [i for i in range(n) if begin[i] < end[i]]
-    return [
-        Segment(number, *(int(column[i]) for column in (first, begin, end, found.begin[first], t[first])))
-        for number, i in enumerate(rows)
-    ]
+
+    def place(scan: int) -> Place:
+        return Place(scan, int(found.begin[scan]), int(t[scan]))
+
+    return [Segment(n, place(int(first[i])), place(int(begin[i])), int(end[i])) for n, i in enumerate(rows)]
 
 
-def paths(folder: Path, number: int) -> tuple[Path, Path]:
-    """Archive and report of a segment; the report is written last."""
-    return folder / f"{number:04d}.mcap", folder / f"{number:04d}.json"
+class Paths(NamedTuple):
+    """Where a part of a run is: archive, report, which is written last, and memory at its end."""
+
+    archive: Path
+    report: Path
+    state: Path
+
+
+def paths(folder: Path, number: int, *, on: bool = False) -> Paths:
+    """Of a segment, or of the one before it run `on` behind its beginning."""
+    stem = f"{number:04d}-on" if on else f"{number:04d}"
+    return Paths(*(folder / f"{stem}.{kind}" for kind in ("mcap", "json", "state")))
 
 
 def run_segment(task: Task) -> str:
@@ -155,24 +186,24 @@ def run_segment(task: Task) -> str:
         return told(error)
 
 
-def _positioned(task: Task, found: Opened) -> tuple[Recording, bool]:
-    """The recording from the segment's octet on, if reading there begins with its first scan; else all of it."""
-    if task.segment.octet > 0:
+def _positioned(task: Task, found: Opened, place: Place) -> tuple[Recording, bool]:
+    """The recording from an octet on, if reading there begins with the scan that is told; else all of it."""
+    if place.octet > 0:
         try:
-            recording = _recording(task, found, seek=True)
+            recording = _recording(task, found, place.octet)
             first = next(recording.frames, None)
         except FAILURES:
             first = None
-        if first is not None and first.t_ns == task.segment.t_ns:
+        if first is not None and first.t_ns == place.t_ns:
             return replace(recording, frames=chain([first], recording.frames)), True
-    return _recording(task, found, seek=False), False
+    return _recording(task, found, 0), False
 
 
-def _recording(task: Task, found: Opened, *, seek: bool) -> Recording:
+def _recording(task: Task, found: Opened, begin: int) -> Recording:
     octets, config = found.octets, task.run.config
     assert config is not None
-    if seek:
-        begin, name = task.segment.octet, task.run.source.name
+    if begin > 0:
+        name = task.run.source.name
         chunks: Any = UrlChunks(name, begin) if is_url(name) else FileChunks(Path(octets.name), begin)
         head = next(iter(chunks), b"")[:HEAD]
         octets = Octets(octets.name, octets.channel, chunks, head, octets.size - begin if octets.size >= 0 else -1)
@@ -180,29 +211,44 @@ def _recording(task: Task, found: Opened, *, seek: bool) -> Recording:
 
 
 def _run(task: Task, found: Opened) -> str:
-    config, segment, log = task.run.config, task.segment, _Log()
+    """Run a segment, or the one before it on behind its beginning."""
+    config, segment, log, on = task.run.config, task.segment, _Log(), bool(task.state)
     assert config is not None
     folder = Path(task.folder)
     folder.mkdir(parents=True, exist_ok=True)
-    archive, report = paths(folder, segment.number)
-    recording, seek = _positioned(task, found)
+    out, place = paths(folder, segment.number, on=on), segment.seam if on else segment.start
+    recording, seek = _positioned(task, found, place)
     reference = recording.reference
-    frames = _window(recording.frames, segment, log, skip=0 if seek else segment.first)
     stages = build_chain(config, unexplained=reference is not None and not reference.complete)
+    keeper = _going_on(task, stages) if on else Keeper()
+    window = _window(recording.frames, place.scan, segment, log, skip=0 if seek else place.scan)
+    frames = keeper.until(window, segment.end, place.t_ns + task.run_on_s * 1e9 if on else math.inf)
     sink = McapSink(
-        archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans, points=config.output.archive_points
-    )
+        out.archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans,
+        points=config.output.archive_points,
+    )  # fmt: skip
     manifest = manifest_of(task.run, found, recording)
-    summary = run(frames, stages, [sink], manifest, reference=reference)
+    summary = run(frames, stages, [sink], manifest, reference=reference, step=keeper.step)
     if summary["interrupted"]:
         raise KeyboardInterrupt
-    if summary["counts"]["scans"] != segment.end - segment.first:
+    if (not on and keeper.end != segment.end) or keeper.state is None:
         raise InputError(f"{found.octets.name}: read otherwise than when it was split")
     told_damage = [asdict(damage) for damage in (*(recording.damage if segment.number == 0 else ()), *log.damage)]
-    shift = segment.octet if seek else 0
+    shift = place.octet if seek else 0
     moved = [one | {"offset": one["offset"] + shift if one["offset"] >= 0 else -1} for one in told_damage]
-    _replace(report, json_octets({"damage": moved, "timing": summary["timing"], "scans": summary["counts"]["scans"]}))
+    if keeper.end == segment.end:
+        _replace(out.state, state_octets(keeper.state))
+    report = {"damage": [] if on else moved, "timing": summary["timing"], "scans": summary["counts"]["scans"],
+              "end": keeper.end, "agreed": keeper.agreed >= AGREED, "state": Path(task.state).name}  # fmt: skip
+    _replace(out.report, json_octets(report))
     return ""
+
+
+def _going_on(task: Task, stages: Chain) -> Keeper:
+    """What goes on from a memory, beside the archive of the segment that is behind the seam."""
+    state = read_state(Path(task.state).read_bytes(), stages, name=task.state)
+    segment = task.segment
+    return Keeper(state, told_by(paths(Path(task.folder), segment.number).archive, segment.begin))
 
 
 def manifest_of(run_: Run, found: Opened, recording: Recording) -> RunManifest:
@@ -214,10 +260,11 @@ def manifest_of(run_: Run, found: Opened, recording: Recording) -> RunManifest:
     )  # fmt: skip
 
 
-def _window(frames: Iterator[Frame], segment: Segment, log: _Log, *, skip: int) -> Iterator[Frame]:
-    """The frames of a segment with their numbers in the recording; what was wrong is noted where it counts."""
+def _window(frames: Iterator[Frame], first: int, segment: Segment, log: _Log, *, skip: int) -> Iterator[Frame]:
+    """The frames of a segment from `first` on with their numbers in the recording; what was wrong is noted where it
+    counts."""
     for i, frame in enumerate(frames):
-        k = segment.first + i - skip
+        k = first + i - skip
         if k >= segment.end:
             return
         if k >= segment.begin:
@@ -226,14 +273,14 @@ def _window(frames: Iterator[Frame], segment: Segment, log: _Log, *, skip: int) 
             yield replace(frame, k=k, inputs=())
 
 
-def read_report(folder: Path, number: int) -> Mapping[str, Any] | None:
+def read_report(folder: Path, number: int, *, on: bool = False) -> Mapping[str, Any] | None:
     """The report of a segment that has been run, None where it has not."""
-    archive, report = paths(folder, number)
+    own = paths(folder, number, on=on)
     try:
-        document = json.loads(report.read_bytes())
+        document = json.loads(own.report.read_bytes())
     except (OSError, ValueError):
         return None
-    return document if isinstance(document, dict) and archive.is_file() else None
+    return document if isinstance(document, dict) and own.archive.is_file() else None
 
 
 def damage_of(reports: Sequence[Mapping[str, Any]]) -> Iterator[Damage]:

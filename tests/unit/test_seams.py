@@ -27,7 +27,7 @@ from maritrack.sweep.store import read_row
 from maritrack.types import CONFIRMED, Tracks
 from tests import runs
 
-SCANS, CUT = 48, Cut(segment_s=45.0, overlap_s=37.5)
+SCANS, CUT = 48, Cut(segment_s=45.0, overlap_s=37.5, run_on_s=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,11 @@ def test_segments_cover_all_scans_once_and_begin_before_they_count() -> None:
     segments = split(Index((t * 1e9).astype(np.int64), np.arange(len(t))), segment_s=1800.0, overlap_s=600.0)
     assert [(s.begin, s.end) for s in segments] == [(0, 720), (720, 1440), (1440, 2160), (2160, 2880)]
     assert [s.first for s in segments] == [0, 480, 1200, 1920]
-    assert all(a.end == b.begin for a, b in itertools.pairwise(segments)) and segments[1].octet == 480
+    assert (
+        all(a.end == b.begin for a, b in itertools.pairwise(segments))
+        and segments[1].start.octet == 480
+        and segments[1].seam.octet == 720
+    )
     assert len(split(Index(np.zeros(0, np.int64), np.zeros(0, np.int64)), segment_s=1.0, overlap_s=0.0)) == 0
 
 

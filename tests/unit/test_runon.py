@@ -1,0 +1,222 @@
+"""Segments that are run on until the next tells the same: a joined run is that of one piece, ids included."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maritrack.chain import Chain, ChainState, build_chain, process
+from maritrack.diff import diff
+from maritrack.errors import InputError
+from maritrack.io.archive import iter_messages, iter_results
+from maritrack.job import Job, execute
+from maritrack.recording import open_inputs, open_recording
+from maritrack.settings import Config
+from maritrack.sinks.mcap import encode_result
+from maritrack.sweep.batch import Cut, batch
+from maritrack.sweep.handover import read_state, state_octets
+from maritrack.sweep.plan import Run, Settings, plan
+from maritrack.sweep.runon import AGREED, NEAR_EXISTENCE, NEAR_M, alike
+from maritrack.sweep.sources import named, opened
+from maritrack.trackers import TRACKERS
+from maritrack.types import CONFIRMED, Frame, Result
+from tests import runs
+
+SCANS, TURN_S, SHIPS, LAND = 480, 2.5, 8, 10
+CUT = Cut(segment_s=400.0, overlap_s=50.0)
+SETS = ("subtract.method='abs'", "subtract.pixel_m=60.0", "subtract.half_life_scans=20.0", "subtract.threshold=0",
+        "subtract.decision='tail'", "subtract.tail_probability=0.3", "subtract.start='empty'",
+        "subtract.spare='moving'", "tracker.stationary_s=30.0", "clutter_map.method='cells'",
+        "clutter_map.memory_s=30.0", "output.archive='hash'")  # fmt: skip
+TOLERANCES = {"position_m": 0.01, "existence": 0.01}
+
+
+def document(scans: int = SCANS) -> str:
+    """Slow and quick ships that go to and fro, echoes of land that flicker, and clutter."""
+    rng = np.random.default_rng(5)
+    at, course, v = (
+        rng.uniform(-2500.0, 2500.0, (SHIPS, 2)),
+        rng.uniform(0.0, 6.28, SHIPS),
+        rng.uniform(4.0, 9.0, SHIPS),
+    )
+    land, often = 60.0 * rng.integers(-50, 50, (LAND, 2)) + 30.0, rng.uniform(0.6, 1.0, LAND)
+    rows = []
+    for k in range(scans):
+        way = at + (k * TURN_S * v)[:, None] * np.stack([np.sin(course), np.cos(course)], axis=1)
+        ships = np.abs((way + 3000.0) % 12000.0 - 6000.0) - 3000.0
+        seen = [ships[rng.random(SHIPS) < 0.9], land[rng.random(LAND) < often], rng.uniform(-3500.0, 3500.0, (2, 2))]
+        points = np.concatenate(seen)
+        points += rng.normal(0.0, 8.0, points.shape)
+        rows.append({"time_s": 1e9 + k * TURN_S, "points": points.round(2).tolist()})
+    head = {"format": "maritrack-points/1", "frame": "enu"}
+    return json.dumps(head | {"sensors": {"a": {"east_m": 0, "north_m": 0, "sigma_m": 10.0}}, "scans": rows})
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rec") / "sea.json"
+    path.write_text(document())
+    return path
+
+
+def planned(path: Path, tracker: str = "jipda") -> list[Run]:
+    settings = Settings(sets=(*SETS, f"tracker_name='{tracker}'"), over={})
+    return plan(named([str(path)]), axes={}, seeds=(), settings=settings)
+
+
+def in_one_piece(path: Path, folder: Path, tracker: str = "jipda") -> Path:
+    (run,) = planned(path, tracker)
+    assert run.config is not None
+    with opened(run.source, seed=0) as found:
+        execute(Job(octets=[found.octets], kinds=[found.kind], input_sha256=[run.input_sha256], side=found.side,
+                    config=run.config, name="sea", out=folder, rrd=False))  # fmt: skip
+    return folder / "run.mcap"
+
+
+def joined(path: Path, folder: Path, cut: Cut = CUT, *, tracker: str = "jipda", workers: int = 1) -> Path:
+    outcome = batch(planned(path, tracker), folder, cut, sizes={str(path): 1 << 30}, workers=workers)
+    assert not outcome.failed
+    (found,) = folder.glob("runs/*/run.mcap")
+    return found
+
+
+def told(archive: Path) -> dict[str, object]:
+    segments: dict[str, object] = json.loads((archive.parent / "summary.json").read_text())["segments"]
+    return segments
+
+
+@pytest.fixture(scope="module")
+def whole(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return in_one_piece(recording, tmp_path_factory.mktemp("whole"))
+
+
+@pytest.fixture(scope="module")
+def mended(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return joined(recording, tmp_path_factory.mktemp("mended"))
+
+
+def apart(a: Path, b: Path) -> list[int]:
+    """Scans in which the tracks of two runs differ, ids included."""
+    scans = []
+    for one, other in zip(iter_results(a), iter_results(b), strict=True):
+        x, y = one.tracks, other.tracks
+        same = np.array_equal(x.id, y.id) and np.array_equal(x.status, y.status) and all(
+            np.allclose(getattr(x, name), getattr(y, name), rtol=0.0, atol=near) for name, near in TOLERANCES.items()
+        )  # fmt: skip
+        scans += [] if same else [one.k]
+    return scans
+
+
+def test_a_joined_run_is_that_of_one_piece(whole: Path, mended: Path) -> None:
+    seams = told(mended)["seams"]
+    assert isinstance(seams, list) and len(seams) == 2 and all(s["agreed"] for s in seams)
+    assert all(AGREED <= s["run_on"] < SCANS // 3 for s in seams) and told(mended)["run_again"] == 0
+    assert len(apart(whole, mended)) <= SCANS // 200  # the backgrounds are still a little different
+    assert sum(int((s.tracks.status >= CONFIRMED).sum()) for s in iter_results(whole)) > SHIPS * SCANS
+    ours, theirs = (json.loads(path.with_name("summary.json").read_text()) for path in (mended, whole))
+    for name in ("tracks", "confirmed", "moving", "track_ids_confirmed", "clusters"):
+        assert ours["counts"][name] == pytest.approx(theirs["counts"][name], rel=1e-3)
+    assert ours["counts"]["points"] == theirs["counts"]["points"]
+
+
+def test_without_running_on_it_is_not(recording: Path, whole: Path, tmp_path: Path) -> None:
+    cut = replace(CUT, run_on_s=0.0)
+    differing = apart(whole, joined(recording, tmp_path / "not", cut))
+    assert len(differing) > SCANS // 10 and min(differing) >= SCANS // 3
+    short = joined(recording, tmp_path / "short", replace(CUT, run_on_s=25.0))
+    seams = told(short)["seams"]
+    assert isinstance(seams, list) and [(s["run_on"], s["agreed"]) for s in seams] == [(10, False)] * 2
+
+
+def test_up_to_the_seam_it_is_so_to_the_octet(whole: Path, mended: Path) -> None:
+    seams = told(mended)["seams"]
+    assert isinstance(seams, list)
+    first = seams[0]["scan"]
+    ours, theirs = ([m for m in iter_messages(path, {"/tracks", "/clusters", "/scores", "/log"}) if m.k < first]
+                    for path in (mended, whole))  # fmt: skip
+    assert first > SCANS // 3 and [(m.topic, m.k, m.data) for m in ours] == [(m.topic, m.k, m.data) for m in theirs]
+
+
+def test_where_two_never_tell_the_same_all_is_run_again(tmp_path: Path) -> None:
+    """Particles are drawn by the number of the scan in the run, so that those of a segment are others."""
+    path = tmp_path / "sea.json"
+    path.write_text(document(60))
+    found = joined(path, tmp_path / "out", Cut(segment_s=50.0, overlap_s=12.5), tracker="smc-phd")
+    assert told(found)["seams"] == [] and told(found)["run_again"] == 2
+    assert diff(in_one_piece(path, tmp_path / "one", "smc-phd"), found, only="tracks").parts["tracks"].n == 0
+
+
+def test_workers_and_interruptions_change_no_octet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from maritrack.sweep import batch as batches
+
+    path, cut = tmp_path / "sea.json", Cut(segment_s=50.0, overlap_s=12.5)
+    path.write_text(document(60))
+    one = joined(path, tmp_path / "one", cut).read_bytes()
+    run_segment = batches.run_segment
+    monkeypatch.setattr(batches, "run_segment", lambda task: interrupted() if task.state else run_segment(task))
+    with pytest.raises(KeyboardInterrupt):
+        joined(path, tmp_path / "two", cut)
+    monkeypatch.setattr(batches, "run_segment", lambda task: run_segment(task) if task.state else interrupted())
+    assert joined(path, tmp_path / "two", cut).read_bytes() == one  # what is finished is not run again
+    monkeypatch.undo()
+    assert joined(path, tmp_path / "three", cut, workers=2).read_bytes() == one
+
+
+def interrupted() -> str:
+    raise KeyboardInterrupt
+
+
+def frames(path: Path, config: Config) -> Iterator[Frame]:
+    (octets,) = open_inputs([path])
+    return open_recording([octets], ["points"], {}, config).frames
+
+
+def results(chain: Chain, state: ChainState, some: list[Frame]) -> tuple[ChainState, list[Result]]:
+    found = []
+    for frame in some:
+        state, result = process(chain, state, frame)
+        found.append(result)
+    return state, found
+
+
+@pytest.mark.parametrize("tracker", sorted(set(TRACKERS) - {"gp-pmbm"}))
+def test_a_run_goes_on_from_its_memory_as_if_nothing_had_been(tracker: str, recording: Path) -> None:
+    (run,) = planned(recording, tracker)
+    assert run.config is not None
+    some = list(frames(recording, replace(run.config, input=replace(run.config.input, limit=30))))
+    chain = build_chain(run.config)
+    state, _ = results(chain, chain.init(), some[:20])
+    octets = state_octets(state)
+    again = read_state(octets, chain, name="memory")
+    assert state_octets(again) == octets
+    for ours, theirs in zip(*(results(chain, s, some[20:])[1] for s in (again, state)), strict=True):
+        assert encode_result(ours) == encode_result(theirs) and len(ours.tracks) > 5
+
+
+def test_what_is_no_memory_of_this_tracker_is_refused(recording: Path) -> None:
+    (jipda,), (engm,) = planned(recording), planned(recording, "engm-phd")
+    assert jipda.config is not None and engm.config is not None
+    chain, other = build_chain(jipda.config), build_chain(engm.config)
+    octets = state_octets(chain.init())
+    for data, reader in ((octets, other), (octets[:-40], chain), (b"", chain), (b"PK\x03\x04" + octets, other)):
+        with pytest.raises(InputError, match="no memory of a run with this tracker"):
+            read_state(data, reader, name="memory")
+
+
+def test_what_tells_the_same() -> None:
+    a = runs.tracks(0, np.random.default_rng(1), 6)
+    order = np.array([3, 1, 0, 5, 4, 2])
+    other = {name: getattr(a, name)[order] for name in ("position_m", "status", "moving", "existence")}
+    assert alike(a, replace(a, **other)) and alike(a, replace(a, id=a.id + 100))
+    assert not alike(a, replace(a, position_m=a.position_m + 2.0 * NEAR_M))
+    assert alike(a, replace(a, position_m=a.position_m + 0.5 * NEAR_M))
+    assert not alike(a, replace(a, existence=a.existence + 2.0 * NEAR_EXISTENCE))
+    assert not alike(a, replace(a, moving=~a.moving)) and not alike(a, replace(a, status=a.status + 1))
+    assert not alike(a, runs.tracks(0, np.random.default_rng(1), 5))
+    twins = replace(a, position_m=np.concatenate([a.position_m[:1], a.position_m[:5]]))
+    assert not alike(twins, a)
