@@ -20,8 +20,9 @@ from maritrack.manifest import code_digest
 from maritrack.sweep import drive
 from maritrack.sweep.drive import Outcome, Tick
 from maritrack.sweep.joining import Join, join
+from maritrack.sweep.places import Index, index
 from maritrack.sweep.plan import Run
-from maritrack.sweep.segments import Index, Segment, Task, index, overlap_of, paths, read_report, run_segment, split
+from maritrack.sweep.segments import Segment, Task, overlap_of, paths, read_report, run_segment, split
 from maritrack.sweep.store import ROWS, RUNS, read_row, write_row, write_table
 from maritrack.sweep.work import KILLED, Done, failed, results, row_of
 

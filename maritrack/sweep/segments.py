@@ -1,4 +1,4 @@
-"""A long recording in segments: where its turns begin, which turns a segment has, and the run of one of them.
+"""A long recording in segments: which turns a segment has, and the run of one of them.
 
 A segment begins with an overlap before its first turn that counts, to learn most of what the run in one piece knew by
 then: the background, the clutter, the tracks, and which tracks on land and at berths the background has taken and
@@ -15,7 +15,6 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,43 +22,20 @@ import numpy as np
 
 from maritrack.chain import Chain, build_chain
 from maritrack.errors import FAILURES, InputError, UsageError, told
-from maritrack.io.containers.kinds import RAW, container_of
-from maritrack.io.octets import HEAD, FileChunks
-from maritrack.io.remote import UrlChunks, is_url
-from maritrack.io.source import Octets
 from maritrack.manifest import code_digest, make_manifest
-from maritrack.recording import Recording, open_recording
+from maritrack.recording import Recording
 from maritrack.run import run
 from maritrack.sinks.mcap import McapSink
 from maritrack.sinks.summary import json_octets
 from maritrack.sweep.handover import read_state, state_octets
+from maritrack.sweep.places import Index, Place, place_of, positioned
 from maritrack.sweep.plan import Run
 from maritrack.sweep.runon import AGREED, Keeper, told_by
 from maritrack.sweep.sources import Opened, opened
-from maritrack.types import Damage, Frame, IntArray, RunManifest
+from maritrack.types import Damage, Frame, RunManifest
 
 FORGOTTEN = 3.0  # time constants after which a memory has forgotten what it did not see
 TURN_S, CLUTTER_SCANS = 2.5, 20
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Index:
-    """The scans of a recording."""
-
-    t_ns: IntArray  # (n,)
-    begin: IntArray  # (n,) octet of the input where what belongs to the scan begins; -1 = it can't be read from there
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A scan and where it is in the input."""
-
-    scan: int
-    octet: int  # where to read from; -1 = from the beginning
-    t_ns: int  # of the scan, which tells whether reading from there gives the same scans
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,30 +93,6 @@ def overlap_of(run: Run) -> float:
     return max(tracks_s, FORGOTTEN * (rules.half_life_s or TURN_S * scans) + config.tracker.stationary_s)
 
 
-def index(run: Run) -> Index | str:
-    """The scans of a run's recording, which is read once; or why that failed."""
-    config = run.config
-    if config is None or not (config.input.from_s == 0 and math.isinf(config.input.to_s) and config.input.limit == 0):
-        return "a part of a recording is not split: leave out --from, --to and --limit"
-    try:
-        with opened(run.source, seed=run.seed) as found:
-            recording = open_recording([found.octets], [found.kind], found.side, config)
-            seekable = found.kind == "cat240" and container_of(found.octets.head) == RAW and _is_raw(found.octets.head)
-            times, begins, at = [], [], 0
-            for frame in recording.frames:
-                times.append(frame.t_ns)
-                begins.append(at if seekable else -1)
-                at += sum(len(octets) for _, octets in frame.inputs)
-            return Index(np.array(times, np.int64), np.array(begins, np.int64))
-    except FAILURES as error:
-        return told(error)
-
-
-def _is_raw(head: bytes) -> bool:
-    """Neither compressed nor framed: what begins at a turn reads as the whole does from there on."""
-    return head[:1] == b"\xf0"
-
-
 def split(found: Index, *, segment_s: float, overlap_s: float) -> list[Segment]:
     """Segments of equal length, at most `segment_s` each; one where the recording is no longer than that."""
     t = found.t_ns
@@ -154,11 +106,10 @@ def split(found: Index, *, segment_s: float, overlap_s: float) -> list[Segment]:
     first = np.searchsorted(ordered, np.maximum(at_ns - round(overlap_s * 1e9), t[0]))
     end = np.append(begin[1:], len(t))
     rows = [i for i in range(n) if begin[i] < end[i]]
-
-    def place(scan: int) -> Place:
-        return Place(scan, int(found.begin[scan]), int(t[scan]))
-
-    return [Segment(n, place(int(first[i])), place(int(begin[i])), int(end[i])) for n, i in enumerate(rows)]
+    return [
+        Segment(number, place_of(found, int(first[i])), place_of(found, int(begin[i])), int(end[i]))
+        for number, i in enumerate(rows)
+    ]
 
 
 class Paths(NamedTuple):
@@ -186,30 +137,6 @@ def run_segment(task: Task) -> str:
         return told(error)
 
 
-def _positioned(task: Task, found: Opened, place: Place) -> tuple[Recording, bool]:
-    """The recording from an octet on, if reading there begins with the scan that is told; else all of it."""
-    if place.octet > 0:
-        try:
-            recording = _recording(task, found, place.octet)
-            first = next(recording.frames, None)
-        except FAILURES:
-            first = None
-        if first is not None and first.t_ns == place.t_ns:
-            return replace(recording, frames=chain([first], recording.frames)), True
-    return _recording(task, found, 0), False
-
-
-def _recording(task: Task, found: Opened, begin: int) -> Recording:
-    octets, config = found.octets, task.run.config
-    assert config is not None
-    if begin > 0:
-        name = task.run.source.name
-        chunks: Any = UrlChunks(name, begin) if is_url(name) else FileChunks(Path(octets.name), begin)
-        head = next(iter(chunks), b"")[:HEAD]
-        octets = Octets(octets.name, octets.channel, chunks, head, octets.size - begin if octets.size >= 0 else -1)
-    return open_recording([octets], [found.kind], found.side, config)
-
-
 def _run(task: Task, found: Opened) -> str:
     """Run a segment, or the one before it on behind its beginning."""
     config, segment, log, on = task.run.config, task.segment, _Log(), bool(task.state)
@@ -217,11 +144,11 @@ def _run(task: Task, found: Opened) -> str:
     folder = Path(task.folder)
     folder.mkdir(parents=True, exist_ok=True)
     out, place = paths(folder, segment.number, on=on), segment.seam if on else segment.start
-    recording, seek = _positioned(task, found, place)
+    recording, shift = positioned(task.run, found, place)
     reference = recording.reference
     stages = build_chain(config, unexplained=reference is not None and not reference.complete)
     keeper = _going_on(task, stages) if on else Keeper()
-    window = _window(recording.frames, place.scan, segment, log, skip=0 if seek else place.scan)
+    window = _window(recording.frames, place.scan, segment, log)
     frames = keeper.until(window, segment.end, place.t_ns + task.run_on_s * 1e9 if on else math.inf)
     sink = McapSink(
         out.archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans,
@@ -234,7 +161,6 @@ def _run(task: Task, found: Opened) -> str:
     if (not on and keeper.end != segment.end) or keeper.state is None:
         raise InputError(f"{found.octets.name}: read otherwise than when it was split")
     told_damage = [asdict(damage) for damage in (*(recording.damage if segment.number == 0 else ()), *log.damage)]
-    shift = place.octet if seek else 0
     moved = [one | {"offset": one["offset"] + shift if one["offset"] >= 0 else -1} for one in told_damage]
     if keeper.end == segment.end:
         _replace(out.state, state_octets(keeper.state))
@@ -260,17 +186,15 @@ def manifest_of(run_: Run, found: Opened, recording: Recording) -> RunManifest:
     )  # fmt: skip
 
 
-def _window(frames: Iterator[Frame], first: int, segment: Segment, log: _Log, *, skip: int) -> Iterator[Frame]:
+def _window(frames: Iterator[Frame], first: int, segment: Segment, log: _Log) -> Iterator[Frame]:
     """The frames of a segment from `first` on with their numbers in the recording; what was wrong is noted where it
     counts."""
-    for i, frame in enumerate(frames):
-        k = first + i - skip
+    for k, frame in enumerate(frames, first):
         if k >= segment.end:
             return
         if k >= segment.begin:
             log.damage.extend(frame.damage)
-        if i >= skip:
-            yield replace(frame, k=k, inputs=())
+        yield replace(frame, k=k, inputs=())
 
 
 def read_report(folder: Path, number: int, *, on: bool = False) -> Mapping[str, Any] | None:

@@ -19,9 +19,10 @@ from maritrack.simulate.scenes import load_scene
 from maritrack.sweep import batch as batches
 from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.joining import renamed
+from maritrack.sweep.places import Index, index
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.seams import Names, Tail, match
-from maritrack.sweep.segments import Index, index, overlap_of, split
+from maritrack.sweep.segments import overlap_of, split
 from maritrack.sweep.sources import named, opened
 from maritrack.sweep.store import read_row
 from maritrack.types import CONFIRMED, Tracks
@@ -168,15 +169,14 @@ def test_a_window_of_a_recording_is_not_split(recording: Path) -> None:
 
 def test_segments_cover_all_scans_once_and_begin_before_they_count() -> None:
     t = np.arange(0, 7200, 2.5)
-    segments = split(Index((t * 1e9).astype(np.int64), np.arange(len(t))), segment_s=1800.0, overlap_s=600.0)
+    n = np.arange(len(t))
+    segments = split(Index((t * 1e9).astype(np.int64), 100 * n), segment_s=1800.0, overlap_s=600.0)
     assert [(s.begin, s.end) for s in segments] == [(0, 720), (720, 1440), (1440, 2160), (2160, 2880)]
     assert [s.first for s in segments] == [0, 480, 1200, 1920]
-    assert (
-        all(a.end == b.begin for a, b in itertools.pairwise(segments))
-        and segments[1].start.octet == 480
-        and segments[1].seam.octet == 720
-    )
-    assert len(split(Index(np.zeros(0, np.int64), np.zeros(0, np.int64)), segment_s=1.0, overlap_s=0.0)) == 0
+    assert all(a.end == b.begin for a, b in itertools.pairwise(segments))
+    assert (segments[1].start.octet, segments[1].seam.octet, segments[0].start.octet) == (47900, 71900, 0)
+    none = np.zeros(0, np.int64)
+    assert len(split(Index(none, none), segment_s=1.0, overlap_s=0.0)) == 0
 
 
 def tracks(ids: list[int], east_m: list[float]) -> Tracks:
