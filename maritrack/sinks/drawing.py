@@ -26,7 +26,11 @@ STYLES: dict[str, list[tuple[str, dict[str, Any]]]] = {
     "ppi/background/*": [("Points2D", {"draw_order": -5.0, "show_labels": False})],
     "ppi/grid": [("LineStrips2D", {"colors": [captions.GRID_COLOUR], "radii": UI * 0.5, "draw_order": 0.0})],
     "ppi/grid/label": [("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 0.01, "show_labels": True})],
-    "ppi/sensors/*": [("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 3.0, "show_labels": True})],
+    "ppi/sensors/*": [
+        ("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 3.0, "show_labels": True}),
+        ("LineStrips2D", {"colors": [captions.GRID_COLOUR], "radii": UI * 0.5, "draw_order": 0.0}),
+    ],
+    "ppi/sensors/*/name": [("Points2D", {"colors": [captions.GRID_TEXT], "radii": UI * 0.01, "show_labels": True})],
     "ppi/detections/*": [("Points2D", {"radii": UI * 1.0, "draw_order": 5.0, "show_labels": False})],
     "ppi/clusters/*": [
         ("Points2D", {"radii": UI * 1.5, "draw_order": 6.0, "show_labels": False}),
@@ -155,9 +159,17 @@ def draw_grid(centre_m: FloatArray, range_m: float) -> Iterator[Row]:
     yield Row("ppi/grid/label", "Points2D", {"positions": picture(at[keep]), "labels": [text[i] for i in keep]})
 
 
-def draw_sensor(position_m: FloatArray, name: str, part: str) -> Iterator[Row]:
-    """Where a sensor is."""
-    yield Row(f"ppi/sensors/{part}", "Points2D", {"positions": picture(position_m[None]), "labels": [name]})
+def draw_sensor(position_m: FloatArray, name: str, part: str, *, leader_m: float = 0.0) -> Iterator[Row]:
+    """Where a sensor is, and its name there or on a leader to the north (south where negative) of it."""
+    at = position_m[None]
+    if leader_m == 0.0:
+        yield Row(f"ppi/sensors/{part}", "Points2D", {"positions": picture(at), "labels": [name]})
+        return
+    away = at + np.array([0.0, leader_m])
+    yield Row(f"ppi/sensors/{part}", "Points2D", {"positions": picture(at), "labels": [""]})
+    line = Strips(np.concatenate([at, away]), np.array([2]))
+    yield Row(f"ppi/sensors/{part}", "LineStrips2D", {"strips": _turned(line)})
+    yield Row(f"ppi/sensors/{part}/name", "Points2D", {"positions": picture(away), "labels": [name]})
 
 
 def legend(box: Box, vector: str, *, with_video: bool) -> tuple[FloatArray, list[str], list[captions.Colour]]:
@@ -246,7 +258,8 @@ def style_of(entity: str, *, few_points: bool, over: bool) -> list[tuple[str, di
     head, _, tail = rest.partition("/")
     if root == "metrics":
         return [("SeriesLines", _series(head, tail))]
-    return STYLES.get(entity) or STYLES.get(f"{root}/{head}/*") or []
+    named = STYLES.get(f"{root}/{head}/*/name") if tail.endswith("/name") else None
+    return STYLES.get(entity) or named or STYLES.get(f"{root}/{head}/*") or []
 
 
 def _series(head: str, tail: str) -> dict[str, Any]:

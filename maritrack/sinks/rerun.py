@@ -207,9 +207,10 @@ class RerunSink:
         range_m = pending.half_m or self._range_m
         coarse = 0.002 * range_m
         first = scan.sensor.id == next(iter(self._n_scans))
-        if self._moved(f"sensor {part}", (east, north, range_m), coarse):
+        leader_m = self._name_leader(part, north)
+        if self._moved(f"sensor {part}", (east, north, range_m, leader_m), coarse):
             if first or not self._crowded(scan):
-                yield from drawing.draw_sensor(scan.position_m, f"sensor {scan.sensor.id}", part)
+                yield from drawing.draw_sensor(scan.position_m, f"sensor {scan.sensor.id}", part, leader_m=leader_m)
             if origin is not None:
                 yield from drawing.draw_geo_sensor(scan.position_m, range_m, part, origin)
             if first:
@@ -227,10 +228,23 @@ class RerunSink:
         self._drawn[what] = now
         return True
 
+    def _name_leader(self, part: str, north_m: float) -> float:
+        """How far north of it the name of one of several sensors stands, negative to the south: away from the others,
+        beyond the names of ships between them, and no two in one line. At the sensor where there is no other yet.
+        """
+        places = {name: place[1] for name, place in self._drawn.items() if name.startswith("sensor ")}
+        places[f"sensor {part}"] = north_m
+        if len(places) < 2:
+            return 0.0
+        side = north_m - float(np.mean(list(places.values())))
+        row = LEADER_SHARE * self._range_m
+        away = max((2 + list(places).index(f"sensor {part}")) * row, abs(side) + 2 * row)
+        return float(np.copysign(away, side)) - side
+
     def _crowded(self, scan: Scan) -> bool:
         """Whether the first sensor stands (nearly) where this one does, so that their names would overlap."""
         first = rr.escape_entity_path_part(next(iter(self._n_scans)))
-        east, north, _ = self._drawn.get(f"sensor {first}", (np.inf, np.inf, 0.0))
+        east, north = self._drawn.get(f"sensor {first}", (np.inf, np.inf))[:2]
         return bool(np.hypot(*(scan.position_m - (east, north))) < 0.03 * self._range_m)
 
     def _send_layout(self) -> None:

@@ -350,6 +350,30 @@ def test_every_sensor_has_its_own_entities(tmp_path: Path) -> None:
     assert list(data[r"/ppi/video/shore\/2", "EncodedImage:blob"]) == [1, 3]
 
 
+def test_names_of_several_sensors_stand_apart_from_ships_and_from_each_other(tmp_path: Path) -> None:
+    """Two on opposite banks: north of the northern one, south of the southern one, on a line from each."""
+    place = {"7-42": np.array([0.0, 400.0]), "7-43": np.array([50.0, -400.0]), "7-44": np.array([300.0, 450.0])}
+
+    def three() -> Iterator[Result]:
+        for r in harbour(9):
+            name = list(place)[r.frame.k % 3]
+            scan = replace(r.frame.scan, sensor=replace(r.frame.scan.sensor, id=name), position_m=place[name])
+            yield replace(r, frame=replace(r.frame, scan=scan))
+
+    data, away_m, height_m = stored(write(tmp_path / "run.rrd", three())), {}, {}
+    for name, at_m in place.items():
+        last = max(data[f"/ppi/sensors/{name}/name", "Points2D:labels"])
+        assert data[f"/ppi/sensors/{name}/name", "Points2D:labels"][last] == [f"sensor {name}"]
+        assert data[f"/ppi/sensors/{name}", "Points2D:labels"][last] == [""]
+        shown = at(data, f"/ppi/sensors/{name}/name", "Points2D:positions", last)[0] * [1, -1]
+        line = np.array(data[f"/ppi/sensors/{name}", "LineStrips2D:strips"][last][0]) * [1, -1]
+        assert np.allclose(line, [at_m, shown], atol=1e-2) and shown[0] == pytest.approx(at_m[0])
+        away_m[name], height_m[name] = shown[1] - at_m[1], shown[1]
+    assert away_m["7-42"] > 0 and away_m["7-44"] > 0 and away_m["7-43"] < 0
+    assert min(map(abs, away_m.values())) > 300.0  # of a radius of some 3 km
+    assert abs(height_m["7-44"] - height_m["7-42"]) > 100.0
+
+
 def test_a_folder_that_is_missing_is_a_usage_error(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no folder"):
         RerunSink(tmp_path / "none" / "run.rrd").open(manifest())
