@@ -34,6 +34,16 @@ def test_a_sweep_goes_on_where_it_was(study: Path) -> None:
     ).json
     assert (again["runs"], again["reused"], again["failed"]) == (2, 2, 0)
     assert [row["tracker"] for row in again["rows"]] == ["sprt", "jipda"]
+    assert "limit = 4" in again["rows"][0]["config"]
+
+
+@pytest.mark.parametrize(("option", "told"), [((), "false"), (("--moving",), "true")])
+def test_moving_tracks_only_are_scored_where_that_is_asked_for(
+    option: tuple[str, ...], told: str, tmp_path: Path
+) -> None:
+    command = ("sweep", FERRY.with_name("harbour.cat240"), "--limit", "1", "-o", tmp_path, "--workers", "1", "--json")
+    (row,) = call(*command, *option).json["rows"]
+    assert f"moving_only = {told}" in row["config"]
 
 
 def test_chosen_ships_are_all_the_truth_of_a_sweep(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from scipy.stats import bootstrap, wilcoxon
 
 from maritrack.errors import UsageError
 from maritrack.sweep.compare import Paired, compare, holm, interval, signed_rank
+from maritrack.sweep.picture import _bars, draw
 
 
 def row(unit: int, tracker: str, gospa: float | None, *, eps_m: float = 35.0, seed: int = 0, error: str = "") -> Any:
@@ -73,6 +76,7 @@ def test_the_interval_is_the_percentile_bootstrap() -> None:
 def test_the_test_is_wilcoxons() -> None:
     d = np.array([1.0, 2.0, -0.5, 3.0, 4.0, 0.7])
     assert signed_rank(d) == wilcoxon(d).pvalue
+    assert signed_rank(np.concatenate([d, np.zeros(3)])) == wilcoxon(d).pvalue  # equal ones say nothing
     assert signed_rank(np.zeros(5)) == 1.0 and math.isnan(signed_rank(np.zeros(0)))
 
 
@@ -123,3 +127,16 @@ def test_what_failed_or_has_no_truth_is_left_out() -> None:
         compare(rows(), by=["tracker"], metrics=["input"])
     with pytest.raises(UsageError, match="no such group"):
         compare(rows(), by=["tracker"], metrics=["gospa"], against="c")
+
+
+def test_a_picture_shows_intervals_about_means_along_the_key(tmp_path: Path) -> None:
+    some = [row(i, "a", g, eps_m=eps) for eps, shift in ((45.0, 5.0), (35.0, 0.0)) for i, g in enumerate((shift, 9.0))]
+    found = compare(some, by=["cluster.eps_m"], metrics=["gospa"])
+    means, bars = _bars(found, "gospa")
+    groups = [group.metrics["gospa"] for group in found.groups]
+    assert means.tolist() == [7.0, 4.5] == [m.mean for m in groups]
+    assert bars.tolist() == [[m.mean - m.low for m in groups], [m.high - m.mean for m in groups]]
+    assert _bars(compare(some[::2], by=["cluster.eps_m"], metrics=["gospa"]), "gospa")[1].tolist() == [[0.0] * 2] * 2
+    draw(tmp_path / "a.png", found, title="t")
+    draw(tmp_path / "b.png", replace(found, groups=found.groups[::-1]), title="t")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

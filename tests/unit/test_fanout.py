@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from maritrack.errors import UsageError
 from maritrack.fanout import cores, fan_out
@@ -61,7 +61,8 @@ def threads(_: int) -> list[int]:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_linear_algebra_has_one_thread_a_piece(workers: int) -> None:
-    told = dict(fan_out(threads, [0, 1], workers=workers))
+    with threadpool_limits(2):
+        told = dict(fan_out(threads, [0, 1], workers=workers))
     assert all(n == 1 for pools in told.values() for n in pools) and told[0]
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from maritrack.errors import InputError, UsageError
+from maritrack.errors import UsageError
 from maritrack.job import Job, execute, run_silently
 from maritrack.manifest import file_digest
 from maritrack.recording import kinds_of, open_inputs, side_documents
-from maritrack.sweep import drive, plan, sources, work
+from maritrack.sweep import drive, plan, work
 from maritrack.sweep.plan import Run, Settings, parse_axes, parse_seeds
 from maritrack.sweep.sources import Source, named
 from maritrack.sweep.store import read_table
@@ -62,6 +62,18 @@ def test_a_row_says_what_process_says(swept: Path, tmp_path: Path) -> None:
     assert summary["run_id"] == run.run_id
     assert {name: row["metrics"][name] for name in summary["metrics"]} == summary["metrics"]
     assert row["counts"]["points"] == summary["counts"]["points"] and row["metrics"]["held"] > 0
+
+
+def test_objects_count_by_the_frames_in_which_they_were() -> None:
+    objects = [
+        {"frames": 30, "held": 30, "held_by_one": 1.0, "switches": 2},
+        {"frames": 10, "held": 6, "held_by_one": 0.2, "switches": 1},
+    ]
+    counts = {"points": 5, "warnings": {"a": 2, "b": 1}}
+    found = work.results({"metrics": {"gospa": 7.0}, "objects": objects, "counts": counts})
+    assert found["metrics"] == {"gospa": 7.0, "held": 0.9, "held_by_one": 0.8, "switches": 3.0}
+    assert found["counts"] == {"points": 5, "warnings": 3}
+    assert work.results({"metrics": {}, "objects": [], "counts": counts})["metrics"] == {}
 
 
 def test_neither_workers_nor_order_change_an_octet(swept: Path, tmp_path: Path) -> None:
@@ -122,47 +134,12 @@ def test_a_run_that_fails_for_no_reason_we_know_is_a_row_as_well(
     assert [row["error"] for row in rows] == ["error: as of a library", ""]
 
 
-def test_an_input_that_fails_for_no_reason_we_know_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(source: Source) -> Any:
-        if source.name == "b":
-            raise zlib.error("as of a library")
-        return sources.examine(source)
-
-    monkeypatch.setattr(plan, "examine", broken)
-    assert [run.error for run in planned("b", FERRY, grid=[])] == ["error: as of a library", ""]
-
-
-@pytest.mark.parametrize("what", [FERRY.name, "autoferry13_groundTruth.json"])
-def test_what_changes_after_the_plan_is_no_result_of_it(what: str, tmp_path: Path) -> None:
-    for name in (FERRY.name, "autoferry13_groundTruth.json"):
-        (tmp_path / name).write_bytes(FERRY.with_name(name).read_bytes())
-    runs = planned(tmp_path / FERRY.name, grid=["tracker=sprt"])
-    (tmp_path / what).write_bytes((tmp_path / what).read_bytes())  # another time, the same octets
-    assert not drive.sweep(runs, tmp_path / "a").failed
-    told = json.loads((tmp_path / what).read_text())
-    (tmp_path / what).write_text(json.dumps(told[3:] if isinstance(told, list) else told))
-    for keep in (False, True):
-        (row,) = drive.sweep(runs, tmp_path / f"b{keep}", keep=keep).rows
-        assert row["error"] == work.CHANGED and not row["metrics"]
-    assert not list((tmp_path / "bTrue").glob("runs/*"))
-    assert not drive.sweep(planned(tmp_path / FERRY.name, grid=["tracker=sprt"]), tmp_path / "a").failed
-
-
-def test_a_scene_that_changes_after_the_plan_is_no_result_of_it(tmp_path: Path) -> None:
-    scene = tmp_path / "s.toml"
-    scene.write_bytes((ROOT / "maritrack" / "scenes" / "crossing-3d.toml").read_bytes())
-    runs = planned(scene, grid=["tracker=engm-phd"], seeds=[1], scans=3)
-    assert not drive.sweep(runs, tmp_path / "a").failed
-    scene.write_text(scene.read_text() + "# another time, the same scene\n")
-    assert not drive.sweep(runs, tmp_path / "b").failed
-    scene.write_text(scene.read_text().replace("clutter_rate  = 10.0", "clutter_rate = 20.0"))
-    (row,) = drive.sweep(runs, tmp_path / "c").failed
-    assert row["error"] == work.CHANGED
-
-
 def test_settings_that_do_not_go_together_are_failed_rows(tmp_path: Path) -> None:
     grid = ["phd.birth_weight=0.05,0.01", "phd.prune_weight=0.001,0.02"]
-    found = drive.sweep(planned(FERRY, grid=grid, limit=2), tmp_path)
+    told: list[tuple[int, int, int]] = []
+    found = drive.sweep(planned(FERRY, grid=grid, limit=2), tmp_path, tick=lambda *counts: told.append(counts))
+    drive.sweep(planned(FERRY, grid=grid, limit=2), tmp_path, tick=lambda *counts: told.append(counts))
+    assert told == [(0, 0, 4), (1, 0, 4), (2, 0, 4), (3, 0, 4), (4, 1, 4), (4, 1, 4)]
     assert [bool(row["error"]) for row in found.rows] == [False, False, False, True]
     assert "prune_weight" in found.failed[0]["error"] and found.failed[0]["values"]["phd.birth_weight"] == 0.01
 
@@ -227,28 +204,6 @@ def test_an_id_is_that_of_configuration_input_and_seed() -> None:
     assert [run.run_id for run in planned(FERRY, FERRY)] == ids
 
 
-def test_each_seed_is_another_noise_of_a_scene(tmp_path: Path) -> None:
-    runs = planned("harbour", seeds=[1, 2], scans=2, grid=["tracker=sprt,jipda"], limit=0)
-    assert [run.seed for run in runs] == [1, 1, 2, 2] and len(work.pieces(runs)) == 2
-    points = [row["counts"]["points"] for row in drive.sweep(runs, tmp_path).rows]
-    assert points[0] == points[1] != points[2] == points[3]
-    again = planned("harbour", seeds=[2], scans=2, grid=["tracker=jipda"], limit=0)
-    assert drive.sweep(again, tmp_path).reused == 1
-
-
-@pytest.mark.parametrize(("scene", "preset"), [("four-ships", "extended"), ("crossing-3d", "engm")])
-def test_scenes_of_points_are_swept_as_those_of_radars(scene: str, preset: str, tmp_path: Path) -> None:
-    runs = plan.plan(
-        named([scene], scans=25), axes=parse_axes([]), seeds=[1, 2], settings=Settings(preset=preset, over={})
-    )  # fmt: skip
-    rows = drive.sweep(runs, tmp_path).rows
-    assert [row["error"] for row in rows] == ["", ""] and [row["metrics"]["n_truth"] > 0 for row in rows] == [
-        True,
-        True,
-    ]
-    assert rows[0]["counts"]["points"] != rows[1]["counts"]["points"]
-
-
 def test_archives_are_kept_where_asked_for(tmp_path: Path) -> None:
     runs = planned(FERRY, grid=["tracker=sprt"])
     drive.sweep(runs, tmp_path)
@@ -257,29 +212,13 @@ def test_archives_are_kept_where_asked_for(tmp_path: Path) -> None:
     assert drive.sweep(runs, tmp_path, keep=True).reused == 1
 
 
-def test_inputs_by_url_give_the_rows_of_files(swept: Path, tmp_path: Path) -> None:
-    fsspec = pytest.importorskip("fsspec")
-    for name in (FERRY.name, "autoferry13_groundTruth.json"):
-        with fsspec.open(f"memory://bucket/{name}", "wb") as file:
-            file.write(FERRY.with_name(name).read_bytes())
-    rows = drive.sweep(planned(f"memory://bucket/{FERRY.name}"), tmp_path).rows
-    assert {row["run_id"] for row in rows} == {path.stem for path in (swept / "rows").iterdir()}
-    assert all(row["metrics"]["n_truth"] > 0 for row in rows)
-    runs = planned(f"memory://bucket/{FERRY.name}", grid=["tracker=sprt"])
-    with fsspec.open(f"memory://bucket/{FERRY.name}", "wb") as file:
-        file.write(FERRY.read_bytes().replace(b'"sensorID":', b'"sensorID": '))
-    assert [row["error"] for row in drive.sweep(runs, tmp_path / "changed").rows] == [work.CHANGED]
-    with pytest.raises(InputError, match="no-such"):
-        planned("memory://bucket/no-such.json")
-
-
 def test_a_worker_of_other_code_is_an_error() -> None:
     piece = work.pieces(planned(FERRY)[:1])[0]
     with pytest.raises(UsageError, match="other code"):
         work.work(replace(piece, code_sha256="0"))
 
 
-def test_wrong_use_is_told() -> None:
+def test_wrong_use_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert parse_seeds("0:3") == (0, 1, 2)
     assert (parse_seeds("0:7:3"), parse_seeds("4,2"), len(parse_seeds("0:100"))) == ((0, 3, 6), (2, 4), 100)
     for text in ("-1:2", "0.5", "x", "3:3", str(2**53 + 1)):
@@ -289,6 +228,9 @@ def test_wrong_use_is_told() -> None:
         parse_axes(["seed=1,2"])
     with pytest.raises(UsageError, match="one preset"):
         parse_axes(["preset=radar,points"])
+    monkeypatch.setattr(plan, "MOST_RUNS", 7)
+    with pytest.raises(UsageError, match="more than 7 runs"):
+        planned(FERRY, seeds=[1, 2])
     with pytest.raises(UsageError, match="1000000 combinations"):
         planned(FERRY, grid=[f"{key}=0.001:1:0.001" for key in ("model.p_detect", "model.gate_probability")])
     with pytest.raises(UsageError, match="1 --truth for 2"):

@@ -91,4 +91,6 @@ def test_parts_of_frames_beyond_the_limit_fail_as_well(tmp_path: Path) -> None:
     found = diff(a, runs.archive(tmp_path / "b.mcap", results), limit=1)
     assert len(found.differences) == 1 and found.parts["clusters"].n == 4 and found.parts["tracks"].n == 1
     assert found.count == 5 and found.parts["points"].n == 0
-    assert ET.fromstring(junit_octets(found, a="\x00", b="b")).get("failures") == "2"
+    root = ET.fromstring(junit_octets(found, a="\x00", b="b"))
+    told = [str(failure.get("message")) for failure in root.iter("failure")]
+    assert root.get("failures") == "2" and [", and 3 more" in text for text in told] == [True, False]
