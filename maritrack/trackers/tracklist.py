@@ -225,17 +225,21 @@ def manage(tracks: TrackList, config: Config) -> TrackList:
 
 
 def duplicates(tracks: TrackList, rules: TrackerConfig) -> BoolArray:
-    """Tracks (t,) that are another one over again: near in position and in velocity to a confirmed or older one."""
+    """Tracks (t,) that are another one over again: near in position and in velocity to one that has lasted better.
+
+    That is one that is confirmed, then the one with more hits, then the older one. A quay that was tracked once, and
+    that a ship takes along as she passes, is older than she is, but nobody has seen it since.
+    """
     x = tracks.density.x
     pairs = cKDTree(x[:, :2]).query_pairs(rules.duplicate_distance_m, output_type="ndarray") if len(x) > 1 else None
     double = np.zeros(len(x), bool)
     if pairs is None or len(pairs) == 0:
         return double
-    a, b = pairs.min(axis=1), pairs.max(axis=1)  # a is the older one: rows are ordered by id
-    same = np.hypot(*(x[a, 2:] - x[b, 2:]).T) <= rules.duplicate_speed_mps
-    a, b = a[same], b[same]
-    younger_first = tracks.confirmed[b] & ~tracks.confirmed[a]
-    double[np.where(younger_first, a, b)] = True
+    same = np.hypot(*(x[pairs[:, 0], 2:] - x[pairs[:, 1], 2:]).T) <= rules.duplicate_speed_mps
+    place = np.empty(len(x), np.int64)
+    place[np.lexsort((tracks.id, -tracks.hits, ~tracks.confirmed))] = np.arange(len(x))
+    a, b = pairs[same].T
+    double[np.where(place[a] < place[b], b, a)] = True
     return double
 
 

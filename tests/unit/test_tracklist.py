@@ -125,10 +125,14 @@ def test_a_track_ends_by_an_extent_that_nothing_has_told_for_long_or_that_is_too
     assert tracklist.manage(t, points).id.tolist() == [1, 2, 3, 4]
 
 
-def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_older() -> None:
+def test_of_two_tracks_on_one_object_the_confirmed_one_stays_then_the_one_with_more_hits_then_the_older() -> None:
     rules = replace(RULES, duplicate_distance_m=10.0)
     assert tracklist.duplicates(tracks(2), rules).tolist() == [False, True]
     assert tracklist.duplicates(tracks(2, confirmed=np.array([False, True])), rules).tolist() == [True, False]
+    sure = tracks(3, confirmed=np.array([True, True, False]), hits=np.array([40, 460, 900]))
+    assert tracklist.duplicates(sure, rules).tolist() == [True, False, True]
+    even = replace(sure, hits=np.array([40, 40, 900]))
+    assert tracklist.duplicates(even, rules).tolist() == [False, True, True]
     apart = replace(tracks(2).density, x=np.array([[0.0, 0, 5, 0], [0.0, 0, -5, 0]]))
     assert not tracklist.duplicates(tracks(2, density=apart), rules).any()
 
