@@ -16,8 +16,9 @@ class CentroidConfig:
     existence: Literal["certain", "integrated"] = "certain"  # JPDA, or JIPDA's probability that confirms and ends
     noise: Literal["converted", "linear"] = "converted"  # of a measurement: Lerro and Bar-Shalom, or first order
     gate_sigmas: float = 5.0  # of the rectangle that comes before the ellipse
-    dispersion: Literal["body", "adaptive", "none"] = "body"  # of echoes, ec-jpda alone: less noise; or all in the gate
-    dispersion_decay: float = 0.9  # what is left of it after a scan without two echoes; 1 = it stays
+    dispersion: Literal["body", "adaptive", "none"] = "body"  # ec-jpda alone: less noise and by weights; or eq. 5
+    dispersion_memory_s: float = 10.0  # of a body; 0 = the last scan alone
+    dispersion_decay: float = 0.9  # what is left of `adaptive` after a scan without two echoes; 1 = it stays
     gain: Literal["dispersion", "mean", "noise"] = "dispersion"  # the update sees eq. 4; R + S_D / points; or R alone
     clutter: Literal["density", "density-and-volume"] = "density"  # lambda; or lambda and V of eq. 9 and 10 both
     sigma_position_m: float = 0.5  # random walk of the place in a second
@@ -31,7 +32,7 @@ class CentroidConfig:
     def __post_init__(self) -> None:
         positive("centroid.gate_sigmas", self.gate_sigmas)
         require(0.0 <= self.dispersion_decay <= 1.0, "centroid.dispersion_decay is within 0..1")
-        for name in ("sigma_position_m", "sigma_course_deg", "sigma_speed_mps", "course_chi2"):
+        for name in ("dispersion_memory_s", "sigma_position_m", "sigma_course_deg", "sigma_speed_mps", "course_chi2"):
             require(getattr(self, name) >= 0.0, f"centroid.{name} must not be negative")
         for name in ("start_position_m", "start_course_deg", "start_speed_mps"):
             positive(f"centroid.{name}", getattr(self, name))

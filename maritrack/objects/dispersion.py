@@ -89,22 +89,27 @@ def dispersion(
 
 def bodies(
     before_m2: FloatArray, pairs: Pairs, dt_s: FloatArray, d: Giw, points: Points, clusters: Clusters, limit: float,
-    rules: CentroidConfig, *, R: FloatArray, weight: FloatArray,
+    rules: CentroidConfig, *, R: FloatArray, weight: FloatArray, passed_s: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Covariances (n, 2, 2) of what each vessel's body spreads its points in the gate by.
+    """Covariances (n, 2, 2) of what each vessel's body spreads its points in the gate by, passed_s (n,) later.
 
-    Reading: dataset-5 "assumed to have originated from the target's body": the points of each cluster about their own
-    mean, less the noise R (c, 2, 2) that a body of no size spreads its points by, and of clusters the mean by their
-    weights (k,), the one before (less its decay) for what is left. Two bodies in one gate are then not one as wide as
-    their distance, which would hold both in the gate ever after.
+    Reading: dataset-5 "assumed to have originated from the target's body": clusters count by their weights (k,), the
+    noise R (c, 2, 2) that spreads the points of a body of no size is taken off, and as bodies do not change with what
+    is seen of them, the one before is forgotten in `dispersion_memory_s`. Eq. 5 as it stands holds two bodies in the
+    gate for one as wide as they are apart, which holds both in the gate ever after.
     """
     pair, nu = _in_gates(pairs, dt_s, d, points, clusters, limit)
     count, found = _covariance(pair, nu, len(pairs.i))
-    body = matrix2.clip_eigenvalues(found - R[pairs.j], 0.0, np.inf)
-    share = np.where(count >= 2.0, weight, 0.0)
-    sums = segment_sums(pairs.i, np.column_stack([share, share[:, None] * body.reshape(-1, 4)]), len(d))
-    left = np.maximum(1.0 - sums[:, 0], 0.0)[:, None, None]
-    return np.asarray(sums[:, 1:].reshape(-1, 2, 2) + left * rules.dispersion_decay * before_m2)
+    mean = segment_sums(pair, nu, len(pairs.i)) / np.maximum(count, 1.0)[:, None]
+    share = np.where(count > 0.0, weight, 0.0)
+    seen = np.bincount(pairs.i, share, minlength=len(d))
+    share = share / np.where(seen > 0.0, seen, 1.0)[pairs.i]
+    off = mean - segment_sums(pairs.i, share[:, None] * mean, len(d))[pairs.i]
+    spread = found + off[:, :, None] * off[:, None, :] - R[pairs.j]
+    body = segment_sums(pairs.i, share[:, None] * spread.reshape(-1, 4), len(d)).reshape(-1, 2, 2)
+    body = matrix2.clip_eigenvalues(body, 0.0, np.inf)
+    learned = seen if rules.dispersion_memory_s == 0.0 else -seen * np.expm1(-passed_s / rules.dispersion_memory_s)
+    return np.asarray(before_m2 + learned[:, None, None] * (body - before_m2))
 
 
 def _in_gates(

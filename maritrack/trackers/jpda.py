@@ -81,7 +81,8 @@ class Jpda:
         courses = course.settled(Courses(after.x, after.P, courses.steered), rules)
         gated = state.dispersion_m2, pairs, dt_s, tracks.density, points, clusters, limit, rules
         if rules.dispersion == "body":
-            spread = bodies(*gated, R=R, weight=given)
+            passed_s = tracklist.seconds(tracks.t_ns - state.tracks.t_ns)
+            spread = bodies(*gated, R=R, weight=given, passed_s=passed_s)
         else:
             spread = dispersion(*gated) * (rules.dispersion == "adaptive")
         hit = beta0 < 0.5

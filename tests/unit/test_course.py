@@ -165,27 +165,39 @@ def test_dispersion_is_the_covariance_of_the_points_in_the_gate(seed: int) -> No
 
 @pytest.mark.eq("dataset-5")
 @law
-@given(st.integers(0, 10_000))
-def test_a_body_is_what_spreads_each_cluster_beyond_the_noise_by_the_weights(seed: int) -> None:
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 5.0]))
+def test_a_body_is_what_spreads_points_beyond_the_noise_by_their_weights(seed: int, memory_s: float) -> None:
     d, spread, points, clusters, pairs, dt_s = gate_of(seed)
     R = np.random.default_rng(seed).uniform(20.0, 200.0, len(clusters))[:, None, None] * np.eye(2)  # type: ignore[arg-type]
     weight = np.random.default_rng(seed + 1).dirichlet(np.ones(len(pairs.i) + 1))[1:]  # type: ignore[attr-defined]
-    got = bodies(spread, pairs, dt_s, d, points, clusters, 9.21, RULES, R=R, weight=weight)  # type: ignore[arg-type]
+    got = bodies(
+        spread, pairs, dt_s, d, points, clusters, 9.21, replace(RULES, dispersion_memory_s=memory_s), R=R,  # type: ignore[arg-type]
+        weight=weight, passed_s=np.array([1.0, 2.0, 3.0]),
+    )  # fmt: skip
     for i in range(3):
-        expected, left = np.zeros((2, 2)), 1.0
+        z, w, noise, seen = [np.zeros((0, 2))], [np.zeros(0)], np.zeros((2, 2)), 0.0
         for k in np.flatnonzero(pairs.i == i):  # type: ignore[attr-defined]
             of = points.position_m[clusters.label == pairs.j[k]]  # type: ignore[attr-defined]
             nu = of - d.x[i, :2]  # type: ignore[attr-defined]
             of = of[np.einsum("ni,ij,nj->n", nu, np.linalg.inv(pairs.S[k]), nu) < 9.21]  # type: ignore[attr-defined]
-            if len(of) > 1:
-                values, axes = np.linalg.eigh(np.cov(of.T, ddof=0) - R[pairs.j[k]])  # type: ignore[attr-defined]
-                expected += weight[k] * (axes * np.maximum(values, 0.0)) @ axes.T
-                left -= weight[k]
-        assert_allclose(got[i], expected + left * 0.9 * spread[i], atol=1e-7)  # type: ignore[index]
+            if len(of):
+                z, w = [*z, of], [*w, np.full(len(of), weight[k] / len(of))]
+                noise, seen = noise + weight[k] * R[pairs.j[k]], seen + weight[k]  # type: ignore[attr-defined]
+        expected = np.zeros((2, 2))
+        if seen:
+            cov = np.cov(np.concatenate(z).T, aweights=np.concatenate(w), ddof=0)
+            values, axes = np.linalg.eigh(cov - noise / seen)
+            expected = (axes * np.maximum(values, 0.0)) @ axes.T
+        learned = seen * (1.0 - np.exp(-(i + 1.0) / memory_s) if memory_s else 1.0)
+        assert_allclose(got[i], learned * expected + (1.0 - learned) * spread[i], atol=1e-7)  # type: ignore[index]
 
 
 def test_the_echo_of_a_body_of_no_size_has_no_dispersion() -> None:
     d, spread, points, clusters, pairs, dt_s = gate_of(3)
     R, weight = np.tile(1e4 * np.eye(2), (5, 1, 1)), np.ones(len(pairs.i))  # type: ignore[attr-defined]
-    got = bodies(spread, pairs, dt_s, d, points, clusters, 9.21, RULES, R=R, weight=weight)  # type: ignore[arg-type]
+    weight /= np.bincount(pairs.i)[pairs.i]  # type: ignore[attr-defined]
+    got = bodies(
+        spread, pairs, dt_s, d, points, clusters, 9.21, replace(RULES, dispersion_memory_s=0.0), R=R, weight=weight,  # type: ignore[arg-type]
+        passed_s=np.ones(3),
+    )  # fmt: skip
     assert_allclose(got[np.unique(pairs.i)], 0.0, atol=1e-9)  # type: ignore[attr-defined]
