@@ -12,7 +12,7 @@ import numpy as np
 
 from maritrack.chain import build_chain, reported
 from maritrack.detect.cells import empty_points
-from maritrack.errors import FAILURES, InputError, told
+from maritrack.errors import InputError, told
 from maritrack.io.archive import Stored, assemble_scan, iter_messages, read_archive
 from maritrack.io.messages import (
     OUTPUTS,
@@ -54,7 +54,7 @@ def join(job: Join) -> Mapping[str, Any] | str:
     """Write archive and summary of the joined run; the summary, or why that failed."""
     try:
         return _join(job)
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return told(error)
 
 

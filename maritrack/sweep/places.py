@@ -67,7 +67,7 @@ def index(run: Run) -> Index | str:
                 sensors.add(frame.scan.sensor.id)
             begin = np.maximum(np.array(begins, np.int64) - framing, 0)
             return Index(np.array(times, np.int64), begin if header >= 0 and len(sensors) == 1 else 0 * begin)
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, it is a row once the recording is run
         return told(error)
 
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from maritrack.chain import Chain, build_chain
-from maritrack.errors import FAILURES, InputError, UsageError, told
+from maritrack.errors import InputError, UsageError, told
 from maritrack.manifest import code_digest, make_manifest
 from maritrack.recording import Recording
 from maritrack.run import run
@@ -133,7 +133,7 @@ def run_segment(task: Task) -> str:
     try:
         with opened(task.run.source, seed=task.run.seed) as found:
             return _run(task, found)
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return told(error)
 
 

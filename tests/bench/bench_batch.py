@@ -47,7 +47,10 @@ def seam(scan: int, whole: dict[int, Tracks], joined: dict[int, Tracks], after: 
 def main(joined_path: Path, whole_path: Path) -> None:
     joined, whole = dict(confirmed(joined_path)), dict(confirmed(whole_path))
     told = json.loads((joined_path.parent / "summary.json").read_text())["segments"]
-    print(told["joined"], [(s["scan"], s["tracks"], s["kept"], s["ended"], s["begun"]) for s in told["seams"]])
+    print(f"{told['joined']}; {told['scans_with_overlaps']} scans worked on, {told['run_again']} segments run again")
+    for s in told["seams"]:
+        print(f"  seam at {s['scan']}, run on for {s['run_on']}: {s['tracks']} tracks, {s['kept']} kept, {s['ended']} "
+              f"ended, {s['begun']} begun, {s['apart_m']:.2g} m apart at most; agreed: {s['agreed']}")  # fmt: skip
     seams = [s["scan"] for s in told["seams"]]
     for after in AFTER:
         n, one, same = np.sum([seam(s, whole, joined, after) for s in seams], axis=0)
@@ -65,6 +68,9 @@ def main(joined_path: Path, whole_path: Path) -> None:
         same = (nearest <= 1.0) & (name == tracks.id)
         more = [len(tracks), len(own), (nearest <= 1.0).sum(), (nearest <= 0.01).sum(), same.sum()]
         row[:] = [a + float(b) for a, b in zip(row, more, strict=True)]
+    n, m, close, closer, same = np.sum(list(since.values()), axis=0)
+    print(f"all: {n:.0f} rows of confirmed tracks (joined {m:.0f}), not within 1 m {n - close:.0f}, not within 1 cm "
+          f"{n - closer:.0f}, not within 1 m with the same id {n - same:.0f}")  # fmt: skip
     for behind, (n, m, close, closer, same) in sorted(since.items()):
         where = f"{behind:4.0f}.. scans behind a seam" if behind >= 0 else "before the first seam"
         print(f"{where}: {n:.0f} rows of confirmed tracks (joined {m:.0f}), within 1 m {close / n:.2%}, within 1 cm "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -165,6 +166,22 @@ def test_a_window_of_a_recording_is_not_split(recording: Path) -> None:
     assert run.config is not None
     part = replace(run, config=replace(run.config, input=replace(run.config.input, limit=3)))
     assert isinstance(index(part), str)
+
+
+@pytest.mark.parametrize("where", ["index", "segment", "join"])
+def test_whatever_a_recording_fails_with_is_a_row(
+    where: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise zlib.error("as of a library")
+
+    name = {"index": "places.open_recording", "segment": "segments.run", "join": "joining.seams"}[where]
+    monkeypatch.setattr(f"maritrack.sweep.{name}", broken)
+    found = batch(planned(recording), tmp_path, CUT, sizes={str(recording): 1 << 30})
+    if where == "index":  # and so it is run in one piece
+        assert [row["error"] for row in found.rows] == [""]
+    else:
+        assert [row["error"] for row in found.rows] == ["error: as of a library"] and len(found.failed) == 1
 
 
 def test_segments_cover_all_scans_once_and_begin_before_they_count() -> None:
