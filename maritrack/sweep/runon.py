@@ -11,7 +11,7 @@ follows goes on from there: the result is that of one piece in any case.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from maritrack.chain import Chain, ChainState, process
 from maritrack.io.archive import Stored, iter_messages
 from maritrack.io.messages import decode_tracks, encode_clusters
+from maritrack.trackers import Told
 from maritrack.types import Frame, Result, Tracks
 
 AGREED = 48  # scans in a row in which both tell the same: two minutes of a ship's radar
@@ -47,11 +48,14 @@ class Keeper:
 
     state: ChainState | None = None  # before the next scan
     other: Iterator[list[Stored]] | None = None  # scans of the run that it is compared with
+    begin: int = 0  # scans before it do not count, and are not scored
     agreed: int = 0  # scans in a row that tell the same
     end: int = 0  # the scan after the last
 
     def step(self, chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, Result]:
         """As `process`."""
+        if frame.k < self.begin and not isinstance(chain.tracker, Told):
+            frame = replace(frame, truth=None)
         self.state, result = process(chain, state if self.state is None else self.state, frame)
         self.end = frame.k + 1
         if self.other is not None:

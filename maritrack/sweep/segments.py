@@ -147,7 +147,7 @@ def _run(task: Task, found: Opened) -> str:
     recording, shift = positioned(task.run, found, place)
     reference = recording.reference
     stages = build_chain(config, unexplained=reference is not None and not reference.complete)
-    keeper = _going_on(task, stages) if on else Keeper()
+    keeper = _going_on(task, stages) if on else Keeper(begin=segment.begin)
     window = _window(recording.frames, place.scan, segment, log)
     frames = keeper.until(window, segment.end, place.t_ns + task.run_on_s * 1e9 if on else math.inf)
     sink = McapSink(

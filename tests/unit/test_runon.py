@@ -21,7 +21,7 @@ from maritrack.sinks.mcap import encode_result
 from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.handover import read_state, state_octets
 from maritrack.sweep.plan import Run, Settings, plan
-from maritrack.sweep.runon import AGREED, NEAR_EXISTENCE, NEAR_M, alike
+from maritrack.sweep.runon import AGREED, NEAR_EXISTENCE, NEAR_M, Keeper, alike
 from maritrack.sweep.sources import named, opened
 from maritrack.trackers import TRACKERS
 from maritrack.types import CONFIRMED, Frame, Result
@@ -206,6 +206,19 @@ def test_what_is_no_memory_of_this_tracker_is_refused(recording: Path) -> None:
     for data, reader in ((octets, other), (octets[:-40], chain), (b"", chain), (b"PK\x03\x04" + octets, other)):
         with pytest.raises(InputError, match="no memory of a run with this tracker"):
             read_state(data, reader, name="memory")
+
+
+@pytest.mark.parametrize("tracker", ["jipda", "jpda"])
+def test_what_does_not_count_is_not_scored_but_truth_that_a_tracker_starts_from_is_told(
+    tracker: str, recording: Path
+) -> None:
+    (run,) = planned(recording, tracker)
+    assert run.config is not None
+    chain, keeper = build_chain(run.config), Keeper(begin=2)
+    some = [replace(frame, truth=runs.truth(frame.t_ns, np.random.default_rng(0)))
+            for frame, _ in zip(frames(recording, run.config), range(4), strict=False)]  # fmt: skip
+    found = [keeper.step(chain, chain.init(), frame)[1].frame.truth is not None for frame in some]
+    assert found == [tracker == "jpda"] * 2 + [True] * 2 and keeper.end == 4
 
 
 def test_what_tells_the_same() -> None:
