@@ -108,7 +108,7 @@ def _over_cluster(
 ) -> Iterator[tuple[int, Answer]]:
     """Pieces over the workers of a cluster. Only items and answers pass through this process."""
     try:
-        from distributed import CancelledError, Client, KilledWorker, as_completed
+        from distributed import Client, KilledWorker, as_completed
         from distributed.comm import resolve_address
     except ImportError:
         raise UsageError("--scheduler needs distributed", hint="pip install 'maritrack[dask]'") from None
@@ -124,20 +124,38 @@ def _over_cluster(
         waiting = iter(enumerate(items))
         ahead = AHEAD * max(sum(client.nthreads().values()), 1)
         pending = as_completed([send(*item) for item in islice(waiting, ahead)], loop=client.loop)
+        suspects: list[int] = []  # of a worker that dies, those that waited there are accused with the one that ran
         for future in pending:
             i = number.pop(future.key)
             for item in islice(waiting, 1):
                 pending.add(send(*item))
             try:
-                answer = future.result()
+                answer = _answer(future, scheduler)
             except KilledWorker:
                 if lost is None:
                     raise
-                answer = (i, lost(items[i]))
-            except CancelledError:  # by nobody here
-                raise UsageError(f"--scheduler {scheduler}: the connection to it was lost", hint=ON) from None
-            future.release()
-            yield answer
+                suspects.append(i)
+            else:
+                yield answer
+        for i in suspects:  # each alone: now it is told who kills its worker
+            try:
+                yield _answer(send(i, items[i]), scheduler)
+            except KilledWorker:
+                if lost is None:
+                    raise
+                yield i, lost(items[i])
+
+
+def _answer(future: Any, scheduler: str) -> Any:
+    """The answer of a cluster, which may forget it then. UsageError where the cluster is gone."""
+    from distributed import CancelledError
+
+    try:
+        return future.result()
+    except CancelledError:  # by nobody here
+        raise UsageError(f"--scheduler {scheduler}: the connection to it was lost", hint=ON) from None
+    finally:
+        future.release()
 
 
 def _send(client: Any, work: Callable[[Item], Answer], number: dict[str, int], i: int, item: Item) -> Any:

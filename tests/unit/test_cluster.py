@@ -13,10 +13,12 @@ from pathlib import Path
 import pytest
 
 from maritrack.errors import UsageError
+from maritrack.fanout import fan_out
 from maritrack.sweep import drive
 from maritrack.sweep.plan import Run, Settings, parse_axes, plan
 from maritrack.sweep.sources import named
 from tests.shared import ROOT
+from tests.unit.test_fanout import fatal
 
 pytest.importorskip("distributed", reason="no distributed: pip install 'maritrack[dask]'")
 FERRY = ROOT / "data" / "samples" / "autoferry13_detections.json"
@@ -115,3 +117,11 @@ def test_relative_paths_are_of_who_asks_and_a_scheduler_that_ends_is_told(
         assert not [record for record in caplog.records if record.name == "distributed.client"]
     found = drive.sweep(plain, Path("out"))
     assert found.reused >= 2 and not found.failed and {row["input"] for row in found.rows} == {"rec.json"}
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_piece_that_kills_its_workers_costs_itself_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
+    with cluster(tmp_path, 3) as (address, _):
+        answers = dict(fan_out(fatal, [3, 1, 2, 4, 5, 6, 7, 8], scheduler=address, lost=lambda x: -x))
+    assert answers == {0: -3, 1: 1, 2: 4, 3: 16, 4: 25, 5: 36, 6: 49, 7: 64}
