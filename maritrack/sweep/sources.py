@@ -158,6 +158,8 @@ def examine(source: Source) -> Known:
             "cat240" if isinstance(scene, Scene) else "points",
             hashlib.sha256(shown.encode()).hexdigest(), {}, stamp=stamped,
         )  # fmt: skip
+    if not is_url(source.name) and (path := Path(source.name)).exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: no file, and a sweep reads its inputs once for each run")
     with opened(source, seed=0) as found:
         digest = hashlib.sha256()
         for piece in found.octets.chunks:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -100,3 +101,9 @@ def test_inputs_by_url_give_the_rows_of_files(tmp_path: Path) -> None:
     assert [row["error"] for row in drive.sweep(runs, tmp_path / "changed").rows] == [work.CHANGED]
     with pytest.raises(InputError, match="no-such"):
         planned("memory://bucket/no-such.json")
+
+
+def test_a_pipe_is_no_input_of_a_sweep(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no file"):
+        planned(tmp_path / "pipe")
