@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from maritrack.errors import FAILURES
+from maritrack.errors import MaritrackError
 
 FORMATS = ("PNG", "JPEG", "TIFF")
-BROKEN = (*FAILURES, SyntaxError, EOFError, RuntimeError, struct.error)  # what Pillow has
+BROKEN = (
+    MaritrackError, ArithmeticError, LookupError, ValueError, TypeError, OSError, MemoryError, SyntaxError, EOFError,
+    RuntimeError, struct.error,
+)  # what Pillow has  # fmt: skip
 DEEP = ("I;16", "I;16B", "I;16L", "I;16N", "I", "F")  # modes of more than 8 bit
 
 
