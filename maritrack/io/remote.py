@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ def is_url(name: str) -> bool:
 
 def octets_from_url(url: str, channel: str) -> Octets:
     """What lies under a URL, in pieces that memory can hold. InputError where it can't be read."""
-    with _opened(url) as file:
+    with _store(url) as (system, path), system.open(path, "rb") as file:
         head = file.read(HEAD)
     return Octets(url, channel, UrlChunks(url), head, size_of(url))
 
@@ -30,41 +31,30 @@ def read_url(url: str) -> bytes:
 
 def exists(url: str) -> bool:
     """Whether something lies under a URL."""
-    system, path = _place(url)
-    try:
+    with _store(url) as (system, path):
         return bool(system.isfile(path))
-    except OSError as error:
-        raise InputError(f"{url}: {error.strerror or error}") from None
 
 
 def matching(pattern: str) -> list[str]:
     """URLs that match a pattern, in order."""
-    system, path = _place(pattern)
-    protocol = pattern.partition("://")[0]
-    try:
-        names = system.glob(path)
-    except OSError as error:
-        raise InputError(f"{pattern}: {error.strerror or error}") from None
-    return sorted(f"{protocol}://{str(name).lstrip('/')}" for name in names)
+    protocol, _, place = pattern.partition("://")
+    root = "/" if place.startswith("/") else ""  # file:///data/*, but s3://bucket/*
+    with _store(pattern) as (system, path):
+        names = sorted(map(str, system.glob(path)))
+    return [name if is_url(name) else f"{protocol}://{root}{name.lstrip('/')}" for name in names]
 
 
 def size_of(url: str) -> int:
     """Octets under a URL, -1 where the store doesn't tell."""
-    system, path = _place(url)
-    try:
+    with _store(url) as (system, path):
         size = system.info(path).get("size")
-    except OSError as error:
-        raise InputError(f"{url}: {error.strerror or error}") from None
     return -1 if size is None else int(size)
 
 
 def token_of(url: str) -> str:
     """What the store says of the object, which changes when the object does: its ETag, size, time."""
-    system, path = _place(url)
-    try:
+    with _store(url) as (system, path):
         return str(system.ukey(path))
-    except OSError as error:
-        raise InputError(f"{url}: {error.strerror or error}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,25 +65,15 @@ class UrlChunks:
     begin: int = 0
 
     def __iter__(self) -> Iterator[bytes]:
-        try:
-            with _opened(self.url) as file:
-                file.seek(self.begin)
-                while piece := file.read(CHUNK):
-                    yield piece
-        except OSError as error:
-            raise InputError(f"{self.url}: {error.strerror or error}") from None
+        with _store(self.url) as (system, path), system.open(path, "rb") as file:
+            file.seek(self.begin)
+            while piece := file.read(CHUNK):
+                yield piece
 
 
-def _opened(url: str) -> Any:
-    system, path = _place(url)
-    try:
-        return system.open(path, "rb")
-    except OSError as error:
-        raise InputError(f"{url}: {error.strerror or 'no such object'}") from None
-
-
-def _place(url: str) -> tuple[Any, str]:
-    """The store and the path in it."""
+@contextmanager
+def _store(url: str) -> Iterator[tuple[Any, str]]:
+    """The store and the path in it, open until its files are read. InputError where it refuses."""
     try:
         from fsspec.core import url_to_fs
     except ImportError:
@@ -102,4 +82,11 @@ def _place(url: str) -> tuple[Any, str]:
         system, path = url_to_fs(url)
     except (ValueError, ImportError) as error:  # a protocol that nobody knows, or whose library is not installed
         raise UsageError(f"{url}: {error}") from None
-    return system, str(path)
+    except OSError as error:
+        raise InputError(f"{url}: {error.strerror or error}") from None
+    try:
+        yield system, str(path)
+    except FileNotFoundError:
+        raise InputError(f"{url}: no such object") from None
+    except OSError as error:
+        raise InputError(f"{url}: {error.strerror or error}") from None
