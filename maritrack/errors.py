@@ -34,9 +34,6 @@ class ReplayMismatch(MaritrackError):
     """An archive can't be replayed by this version or by this configuration."""
 
 
-FAILURES = (Exception,)  # of one run among many: its row tells which, and nothing of it stops the rest
-
-
 def told(error: BaseException) -> str:
     """An error in one line; what we did not raise on purpose with its type."""
     text = " ".join(str(error).split())

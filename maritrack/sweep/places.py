@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.errors import FAILURES, told
+from maritrack.errors import MaritrackError, told
 from maritrack.io.containers.kinds import FINAL, PCAP, RAW, container_of, open_container
 from maritrack.io.octets import HEAD, FileChunks
 from maritrack.io.remote import UrlChunks, is_url
@@ -27,6 +27,7 @@ from maritrack.sweep.sources import Opened, opened
 from maritrack.types import IntArray
 
 PCAP_HEADER = 24  # octets
+NO_READING = (MaritrackError, ArithmeticError, LookupError, ValueError, TypeError, OSError, MemoryError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +87,7 @@ def positioned(run: Run, found: Opened, place: Place) -> tuple[Recording, int]:
         try:
             recording = _recording(run, found, place.octet, found.octets.head[:header])
             first = next(islice(recording.frames, 1, None), None)
-        except FAILURES:
+        except NO_READING:
             first = None
         if first is not None and first.t_ns == place.t_ns:
             return replace(recording, frames=chain([first], recording.frames)), place.octet - header

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.config import to_toml
-from maritrack.errors import FAILURES, InputError, UsageError, told
+from maritrack.errors import InputError, UsageError, told
 from maritrack.fanout import fan_out
 from maritrack.manifest import code_digest, id_of_run
 from maritrack.recording import default_preset
@@ -78,7 +78,7 @@ def look(source: Source) -> Known:
     """What an input is, or why it can't be told."""
     try:
         return examine(source)
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return Known("", "", {}, told(error))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maritrack.config import to_toml
-from maritrack.errors import FAILURES, UsageError, told
+from maritrack.errors import UsageError, told
 from maritrack.job import Job, execute, run_silently
 from maritrack.manifest import code_digest
 from maritrack.settings import Config
@@ -65,7 +65,7 @@ def work(piece: Piece) -> list[Done]:
     try:
         with opened(piece.source, seed=piece.seed) as found:
             return [_run(run, found, piece.keep) for run in piece.runs]
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return [failed(run, run.error or told(error)) for run in piece.runs]
 
 
@@ -90,7 +90,7 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
     try:
         summary, _ = execute(job) if keep else run_silently(job, ())
         changed = _changed(run, summary["run_id"])
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return failed(run, told(error))
     if summary["interrupted"]:
         raise KeyboardInterrupt

@@ -10,7 +10,7 @@ from typing import Any
 
 from maritrack.chain import build_chain, detect
 from maritrack.config import load_config, merge
-from maritrack.errors import FAILURES, ConfigError, UsageError, told
+from maritrack.errors import ConfigError, UsageError, told
 from maritrack.fanout import Tick, fan_out
 from maritrack.job import Job, run_silently
 from maritrack.metrics.scores import KEYS
@@ -159,7 +159,7 @@ def run_piece(piece: Piece) -> list[tuple[int, Mapping[str, float] | str]]:
     """Number and scores of each run, or its error in a line."""
     try:
         prepared = _prepared(piece)
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return [(i, told(error)) for i, _ in piece.runs]
     return [(i, _scores(piece.subject, config, prepared)) for i, config in piece.runs]
 
@@ -189,7 +189,7 @@ def _scores(
     )
     try:
         summary, _ = run_silently(job, (), recording=replace(recording, frames=iter(frames)))
-    except FAILURES as error:
+    except Exception as error:  # whatever it is, the rest goes on
         return told(error)
     if summary["interrupted"]:
         raise KeyboardInterrupt
