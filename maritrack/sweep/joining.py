@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from maritrack.sinks.summary import write_summary
 from maritrack.sweep.plan import Run
 from maritrack.sweep.seams import Names, Piece, Seam, kept, pieces_of, seams
 from maritrack.sweep.segments import Segment, damage_of, read_report
+from maritrack.sweep.work import CHANGED, input_changed
 from maritrack.types import COASTED, CONFIRMED, TENTATIVE, Damage, Event, Frame, Result, Tracks, take
 
 NAMED = re.compile(r"track (\d+) ")  # the beginning of a line of the log about a track
@@ -53,6 +55,9 @@ class Join:
 def join(job: Join) -> Mapping[str, Any] | str:
     """Write archive and summary of the joined run; the summary, or why that failed."""
     try:
+        if input_changed(job.run):
+            shutil.rmtree(job.folder)  # of either input
+            return CHANGED
         return _join(job)
     except Exception as error:  # whatever it is, the rest goes on
         return told(error)

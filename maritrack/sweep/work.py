@@ -102,12 +102,15 @@ def _run(run: Run, found: Opened, keep: str) -> Done:
 
 
 def _changed(run: Run, ran: str) -> bool:
-    """Whether a run read another input than was planned with: by its files, and where these are new, by its octets.
+    """Whether a run read another input than was planned with, or other documents beside it.
 
     The id of what `ran` tells it of the documents beside a recording; a scene has none, its truth is of the same seed.
     """
-    if ran != run.run_id and not run.source.scene:
-        return True
+    return (ran != run.run_id and not run.source.scene) or input_changed(run)
+
+
+def input_changed(run: Run) -> bool:
+    """Whether the input is another one than was planned with: by its files, and where these are new, by its octets."""
     if stamp(run.source) == run.stamp:
         return False
     return digest_of(examine(run.source), run.source, seed=run.seed) != run.input_sha256

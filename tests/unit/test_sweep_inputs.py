@@ -12,6 +12,7 @@ import pytest
 
 from maritrack.errors import InputError
 from maritrack.sweep import drive, plan, sources, work
+from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.plan import Settings, parse_axes
 from maritrack.sweep.sources import Source, named
 from tests.shared import ROOT
@@ -42,6 +43,19 @@ def test_what_changes_after_the_plan_is_no_result_of_it(what: str, tmp_path: Pat
         assert row["error"] == work.CHANGED and not row["metrics"]
     assert not list((tmp_path / "bTrue").glob("runs/*"))
     assert not drive.sweep(planned(tmp_path / FERRY.name, grid=["tracker=sprt"]), tmp_path / "a").failed
+
+
+def test_a_long_recording_that_changes_leaves_neither_a_result_nor_segments(tmp_path: Path) -> None:
+    recording, out = tmp_path / FERRY.name, tmp_path / "out"
+    recording.write_bytes(FERRY.read_bytes())
+    runs, sizes = planned(recording, grid=["tracker=sprt"], limit=0), {str(recording): 1 << 30}
+    recording.write_text(json.dumps(json.loads(recording.read_text())[:-3]))
+    cut = Cut(segment_s=60.0, overlap_s=5.0)
+    assert [row["error"] for row in batch(runs, out, cut, sizes=sizes).rows] == [work.CHANGED]
+    assert not list(out.glob("segments/*")) and not list(out.glob("runs/*"))
+    recording.write_bytes(FERRY.read_bytes())
+    (row,) = batch(runs, out, cut, sizes=sizes, retry=True).rows
+    assert row["error"] == "" and row["counts"]["segments"] > 1
 
 
 def test_a_folder_changes_with_its_files(tmp_path: Path) -> None:
