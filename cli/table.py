@@ -72,6 +72,8 @@ def _tell(found: Comparison, *, markdown: bool) -> None:
             told = [(label(p.values), *_cells(p.difference), render.number(p.p)) for p in pairs]
             header = (", ".join(found.by), "inputs", "difference", "from", "to", "p")
             show(f"{name}: minus that of {label(pairs[0].against)}", header, told)
+            if (least := found.least_p(name)) > 0.05:
+                print(f"\np can't be below {render.number(least)} here: more inputs (recordings, seeds) tell more")
     if found.failed:
         print(f"{found.failed} failed runs are left out")
 

@@ -63,6 +63,12 @@ class Comparison:
     groups: tuple[Group, ...]  # in the order of the table
     paired: tuple[Paired, ...]
     failed: int  # runs that are left out
+    comparisons: int  # that p are corrected for
+
+    def least_p(self, metric: str) -> float:
+        """The smallest p that so few inputs can give: when all differ in the same direction."""
+        inputs = max((pair.difference.inputs for pair in self.paired if pair.metric == metric), default=0)
+        return min(1.0, 2.0 ** (1 - inputs) * self.comparisons)
 
 
 def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], against: str = "") -> Comparison:
@@ -92,11 +98,12 @@ def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], a
     base = _base(groups, metrics[0], against)
     others = [group.values for group in groups if group.values != base]
     rest = _varying(good, keys)
+    comparisons = len(others) if against else math.comb(len(groups), 2)
     paired: list[Paired] = []
     for name in metrics:
         told = [_paired(parts[values], parts[base], values, base, name, rest) for values in others]
-        paired += holm(told, of=len(told) if against else math.comb(len(groups), 2))
-    return Comparison(keys, groups, tuple(paired), len(rows) - len(good))
+        paired += holm(told, of=comparisons)
+    return Comparison(keys, groups, tuple(paired), len(rows) - len(good), comparisons)
 
 
 def interval(values: FloatArray) -> Mean:
@@ -222,6 +229,7 @@ def document(found: Comparison) -> dict[str, Any]:
         "by": list(found.by),
         "level": LEVEL,
         "failed": found.failed,
+        "comparisons": found.comparisons,
         "groups": [
             {"values": list(g.values), "runs": g.runs, "metrics": {n: _mean(m) for n, m in g.metrics.items()}}
             for g in found.groups

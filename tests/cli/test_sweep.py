@@ -64,6 +64,7 @@ def test_a_table_tells_groups_and_differences(study: Path, tmp_path: Path) -> No
     picture = tmp_path / "study.png"
     done = call("table", study, "--by", "tracker", "--metric", "gospa", "--against", "sprt", "--plot", picture)
     assert done.code == 0 and "gospa: mean over inputs" in done.out and "gospa: minus that of sprt" in done.out
+    assert "p can't be below 1 here" in done.out  # of one input
     assert picture.read_bytes()[:8] == PNG
     told = call("table", study, "--metric", "gospa", "--metric", "switches", "--json").json
     assert [group["values"] for group in told["groups"]] == [["sprt"], ["jipda"]] and len(told["paired"]) == 2

@@ -40,7 +40,7 @@ def test_runs_of_one_input_do_not_make_it_many() -> None:
     one = [row(0, name, 10.0 + k, seed=k) for name in "ab" for k in range(50)]
     found = compare(one, by=["tracker"], metrics=["gospa"])
     assert found.groups[0].runs == 50 and found.groups[0].metrics["gospa"].inputs == 1
-    assert math.isnan(found.groups[0].metrics["gospa"].low)
+    assert math.isnan(found.groups[0].metrics["gospa"].low) and found.least_p("gospa") == 1.0
     twice = rows() + [{**r, "seed": 1} for r in rows()]
     assert (
         compare(twice, by=["tracker"], metrics=["gospa"]).paired
@@ -91,6 +91,7 @@ def test_a_best_that_the_data_chose_is_corrected_for_all_pairs() -> None:
     some = [*rows(), *({**r, "tracker": r["tracker"] + "+", "gospa": r["gospa"] + 0.1} for r in rows())]
     for against, pairs in (("", 6), ("a", 3)):
         found = compare(some, by=["tracker"], metrics=["gospa"], against=against).paired
+        assert compare(some, by=["tracker"], metrics=["gospa"], against=against).least_p("gospa") == pairs * 0.5**11
         assert len(found) == 3 and min(pair.p for pair in found) == pytest.approx(pairs * wilcoxon(range(1, 13)).pvalue)
 
 
