@@ -206,11 +206,15 @@ def clutter_scatter(clusters: Clusters, sensor_m: FloatArray, eps_m: float, radi
     return np.asarray(s2 * (along + stretch[:, None, None] * across))
 
 
-def update(d: Giw, clusters: Clusters, pairs: Pairs, beta: FloatArray, beta0: FloatArray, model: ModelConfig) -> Giw:
+def update(
+    d: Giw, clusters: Clusters, pairs: Pairs, beta: FloatArray, beta0: FloatArray, model: ModelConfig,
+    hidden: FloatArray | None = None,
+) -> Giw:  # fmt: skip
     """Moment-matched mixture of the single updates of each object, weights conditioned on existence.
 
     beta (k,) for pairs, beta0 (n,) for missed. One pair with beta = 1 is the random-matrix update itself;
-    with X = 0 it is the Kalman filter, and the mixture is the PDA update.
+    with X = 0 it is the Kalman filter, and the mixture is the PDA update. Of an object of which a share `hidden` (n,)
+    cannot be seen a cluster is a fragment with that probability, which says where it is, not how large.
     """
     if len(pairs.i) == 0:
         return d
@@ -227,6 +231,8 @@ def update(d: Giw, clusters: Clusters, pairs: Pairs, beta: FloatArray, beta0: Fl
     if model.extent == "point":
         return replace(d, x=x, P=P)
     X_pair, alpha_pair = extent_update(d, clusters, pairs, model)
+    if hidden is not None:
+        beta, beta0 = beta * (1.0 - hidden[pairs.i]), beta0 + hidden * (1.0 - beta0)
     rows = np.concatenate([X_pair.reshape(-1, 4), alpha_pair[:, None]], axis=1) * beta[:, None]
     sums = segment_sums(pairs.i, rows, n)
     X = beta0[:, None, None] * d.X + sums[:, :4].reshape(n, 2, 2)

@@ -143,7 +143,8 @@ class ClusterEvidence:
     def _updated(self, pair: IntArray, parents: giw.Giw) -> giw.Giw:
         n = len(pair)
         own = replace(take(self.sight.pairs, pair), i=np.arange(n))
-        return giw.update(parents, self.clusters, own, np.ones(n), np.zeros(n), self.config.model)
+        hidden = self.sight.own[self.sight.pairs.i[pair]]
+        return giw.update(parents, self.clusters, own, np.ones(n), np.zeros(n), self.config.model, hidden)
 
 
 def look(

@@ -54,7 +54,7 @@ class Ipda:
         taken = existence[pairs.i] * beta
         hit = existence * (1.0 - beta0) > 0.5
         outcome = steps.Outcome(
-            density=giw.update(sight.tracks.density, clusters, pairs, beta, beta0, model),
+            density=giw.update(sight.tracks.density, clusters, pairs, beta, beta0, model, sight.own),
             existence=existence,
             hit=hit,
             cluster=steps.most_likely(pairs.i, pairs.j, beta, hit, n),

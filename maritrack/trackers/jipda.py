@@ -59,7 +59,7 @@ class Jipda:
         )
         hit = beta0 < 0.5
         outcome = steps.Outcome(
-            density=giw.update(sight.tracks.density, clusters, pairs, given, given0, model),
+            density=giw.update(sight.tracks.density, clusters, pairs, given, given0, model, sight.own),
             existence=existence,
             hit=hit,
             cluster=steps.most_likely(pairs.i, pairs.j, beta, hit, n),

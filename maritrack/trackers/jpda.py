@@ -141,8 +141,8 @@ def moved(state: Following, scan: Scan, points: Points, config: Config) -> tuple
 
 def seen(tracks: TrackList, pairs: Pairs, dt_s: FloatArray, back: bool, scan: Scan, config: Config) -> Sight:
     """What `steps.look` says of a scan, with these pairs."""
-    chance, share = steps.chances(tracks, scan, config)
-    return Sight(tracks, chance, pairs, dt_s, back, 0, share)
+    chance, share, own = steps.chances(tracks, scan, config)
+    return Sight(tracks, chance, pairs, dt_s, back, 0, share, own)
 
 
 def associated(

@@ -87,7 +87,8 @@ class Pakf:
         dt_s = np.maximum(tracklist.seconds(sight.tracks.t_ns - state.tracks.t_ns), 0.0)
         shape = axes.predict(state.axes, dt_s, rules)
         seen = axes.measure(clusters, model, rules)
-        shape = axes.update(shape, seen, sight.pairs.i, sight.pairs.j, beta, rules)
+        whole = 1.0 - sight.own[sight.pairs.i]  # of what is hidden there are fragments, which say nothing of its size
+        shape = axes.update(shape, seen, sight.pairs.i, sight.pairs.j, beta * whole, rules)
         motion = giw.update(sight.tracks.density, clusters, sight.pairs, beta, beta0, replace(model, extent="point"))
         shape = axes.held(axes.follow_course(shape, motion.x[:, 2:], rules), model)
         return replace(motion, X=axes.ellipse(shape)), shape

@@ -149,7 +149,7 @@ def hypotheses(
     own = replace(pairs, i=np.arange(n))
     hit = replace(
         tracklist.count(parents, np.ones(n, bool), sensor),
-        density=giw.update(parents.density, clusters, own, np.ones(n), np.zeros(n), config.model),
+        density=giw.update(parents.density, clusters, own, np.ones(n), np.zeros(n), config.model, sight.own[pairs.i]),
         existence=np.exp(log_w[heavy]),
         cluster=pairs.j,
     )

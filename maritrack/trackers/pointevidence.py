@@ -218,7 +218,7 @@ def look(
     for number in range(c):
         base_of[cells.points[number]] = number
     row, point = gated(model, before, points.position_m, R, steps.gate_limit(config.model.p_gate))
-    p_detect, hidden = steps.chances(before.tracks, scan, config)
+    p_detect, hidden, _ = steps.chances(before.tracks, scan, config)
     seen = p_detect > 0.0
     row, point = row[seen[row]], point[seen[row]]
     order = np.lexsort((point, base_of[point], row))

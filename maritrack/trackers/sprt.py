@@ -51,7 +51,7 @@ class Sprt:
         L = logit(sight.tracks.existence) + log_ratio_step(hit, sight.p_detect, model.p_gate, p_false)
         most = max(float(logit(rules.existence_max)), limits(rules)[1])
         outcome = steps.Outcome(
-            density=giw.update(sight.tracks.density, clusters, pairs, sure, np.where(hit, 0.0, 1.0), model),
+            density=giw.update(sight.tracks.density, clusters, pairs, sure, np.where(hit, 0.0, 1.0), model, sight.own),
             existence=np.asarray(expit(np.minimum(L, most))),
             hit=hit,
             cluster=steps.most_likely(pairs.i, pairs.j, sure, hit, n),

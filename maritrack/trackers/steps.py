@@ -44,7 +44,8 @@ class Sight:
     dt_s: FloatArray  # (k,) from the track's time to the cluster's
     clock_back: bool
     n_cut: int
-    covered: FloatArray  # (t,) share of each track that the background hides
+    covered: FloatArray  # (t,) share of each track that the background of any sensor hides
+    own: FloatArray  # (t,) ... and that of this one: of what it hides there are fragments at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,15 +89,15 @@ def look(state: TrackList, scan: Scan, points: Points, clusters: Clusters, confi
     """
     model, most = config.model, config.tracker.pairs_per_track
     tracks, clock_back = predict(state, scan, points, config)
-    d, (chance, share) = tracks.density, chances(tracks, scan, config)
+    d, (chance, share, own) = tracks.density, chances(tracks, scan, config)
     i, j, dt_s, cut = gate(d, clusters, tracks.t_ns, gate_limit(model.p_gate), model)
     pairs = giw.pair_up(d, clusters, i, j, dt_s, model)
-    sight = Sight(tracks, chance, pairs, dt_s, clock_back, cut, share)
+    sight = Sight(tracks, chance, pairs, dt_s, clock_back, cut, share, own)
     return keep(sight, best_per_track(i, gate_cost(sight, config), most)) if most > 0 else sight
 
 
-def chances(tracks: TrackList, scan: Scan, config: Config) -> tuple[FloatArray, FloatArray]:
-    """P_D of each track (t,), 0 where this scan does not look, and the share of it that any background hides.
+def chances(tracks: TrackList, scan: Scan, config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """P_D of each track (t,), 0 where this scan does not look, the share of it that any background hides, or its own.
 
     P_D is less by what the background of this sensor hides. What is held and not looked at is hidden as a whole.
     """
@@ -104,7 +105,7 @@ def chances(tracks: TrackList, scan: Scan, config: Config) -> tuple[FloatArray, 
     own = stationary.covered(tracks, scan, config)
     less = np.maximum(1.0 - own, np.where(own > 0, config.tracker.covered_detect, 1.0))
     share = np.where(seen | (tracks.held_s == 0), stationary.hidden(tracks, scan, config), 1.0)
-    return np.where(seen, config.model.p_detect * less, 0.0), share
+    return np.where(seen, config.model.p_detect * less, 0.0), share, own
 
 
 def keep(sight: Sight, which: BoolArray) -> Sight:

@@ -99,6 +99,21 @@ def test_soft_update_is_the_moment_matched_mixture_of_single_updates(seed: int, 
     assert_allclose(u.X[0], w[0] * d.X[0] + sum(w[j + 1] * s.X[0] for j, s in enumerate(single)), rtol=1e-8)
 
 
+def test_of_what_is_hidden_in_part_a_cluster_tells_the_extent_by_the_share_that_is_seen() -> None:
+    """With the probability of the rest it is a fragment: a mixture of the extent before and after."""
+    rng = np.random.default_rng(7)
+    d, z = objects(rng, 2, extent=True), clusters(rng.normal(0, 60, (3, 2)), spd(rng, 3, 2, 20.0), 6)
+    pairs, beta, beta0 = all_pairs(d, z, EXTENDED), np.array([0.2, 0.3, 0.4, 0.6, 0.1, 0.3]), np.array([0.1, 0.0])
+    whole = giw.update(d, z, pairs, beta, beta0, EXTENDED)
+    hidden = np.array([0.0, 0.6])
+    part = giw.update(d, z, pairs, beta, beta0, EXTENDED, hidden)
+    for name in ("x", "P"):
+        assert_allclose(getattr(part, name), getattr(whole, name), rtol=0)
+    assert_allclose(part.X[0], whole.X[0], rtol=0)
+    assert_allclose(part.X[1], 0.4 * whole.X[1] + 0.6 * d.X[1], rtol=EXACT)
+    assert_allclose(part.alpha, (1.0 - hidden) * whole.alpha + hidden * d.alpha, rtol=EXACT)
+
+
 @pytest.mark.eq("polar-10")
 def test_plugin_shape_ratio_is_the_ratio_of_wishart_densities() -> None:
     rng = np.random.default_rng(5)

@@ -24,6 +24,7 @@ NOTHING = np.zeros((0, 2))
 EVERYWHERE = np.stack(np.meshgrid(np.arange(-3000, 3001, 50.0), np.arange(-3000, 3001, 50.0)), axis=-1).reshape(-1, 2)
 HARBOUR = np.stack(np.meshgrid([-1200.0, -400.0, 400.0, 1200.0], [300.0, 1000.0, 1700.0]), axis=-1).reshape(-1, 2)
 CONFIG = plain_config("jipda")
+OF_HULLS = ("sprt", "ipda", "jipda", "pakf-jpda", "cb-giw-phd", "giw-pmbm")
 every_tracker = pytest.mark.parametrize("name", OF_CLUSTERS)
 
 
@@ -211,6 +212,26 @@ def test_what_one_station_hides_is_not_gone_for_another_that_neither_sees_nor_hi
         return
     assert all(t.status[t.id == mine].tolist() == [STATIONARY] for t in told[13:])
     assert len({t.cov[t.id == mine].tobytes() for t in told[13:]}) == 1
+
+
+@pytest.mark.parametrize("name", OF_HULLS)
+def test_fragments_of_a_hull_at_her_berth_do_not_make_it_small(name: str) -> None:
+    """Each second scan shows five points of one end of a hull that the background hides as a whole."""
+    east, north = np.meshgrid(np.linspace(-60.0, 60.0, 13), np.linspace(990.0, 1010.0, 3))
+    hull = np.stack([east.ravel(), north.ravel()], axis=-1)
+    end = hull[hull[:, 0] > 55.0]
+    config = settings(name, "cluster.method=cartesian-dbscan", "cluster.eps_m=15.0", "cluster.min_points=2",
+                      "model.extent=random-matrix", "model.max_axis_m=300.0")  # fmt: skip
+    scans = [(hull, None)] * 16 + [(end if k % 2 else NOTHING, mask_at(EVERYWHERE)) for k in range(24)]
+    told = list(run(config, scans))
+    (mine,) = confirmed(told[15])
+
+    def length_m(t: Tracks) -> float:
+        return 2.0 * float(np.sqrt(np.linalg.eigvalsh(t.extent_m2[t.id == mine][0])[1]))
+
+    assert confirmed(told[-2])[mine][0] == STATIONARY
+    assert length_m(told[15]) > 100.0
+    assert length_m(told[-1]) > 0.95 * length_m(told[15])
 
 
 def test_a_measurement_goes_to_one_and_an_object_has_one() -> None:

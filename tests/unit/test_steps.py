@@ -83,9 +83,10 @@ def test_each_of_two_stations_hides_its_side_of_a_vessel_and_sees_less_of_that_s
     assert stationary.hidden(one, scan, config).tolist() == stationary.covered(one, scan, config).tolist() == [0.2]
     both = replace(scan, also_covered=(rest,))
     assert stationary.hidden(one, both, config).tolist() == [1.0]
-    (p_alone, _), (p, share) = (steps.chances(one, s, config) for s in (scan, both))
+    (p_alone, _, alone), (p, share, own) = (steps.chances(one, s, config) for s in (scan, both))
     assert p_alone.tolist() == p.tolist() == [config.model.p_detect * 0.8]
     assert share.tolist() == [1.0]
+    assert alone.tolist() == own.tolist() == [0.2]
 
 
 @pytest.mark.parametrize(("share", "held"), [(0.4, False), (0.6, True), (1.0, True)])
