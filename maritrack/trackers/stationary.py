@@ -88,13 +88,17 @@ def hold_covered(
     """The list after a scan where those that the background takes stay as they were.
 
     They keep the existence, the place and the misses of the scan before. A scan that does not look where one is held
-    has a share of 1 there.
+    has a share of 1 there. What comes through of one that is held may be its way out or a flicker of the quay: it
+    stays held, so that it loses no certainty a second time, but moves on until a whole step has shown nothing of it.
     """
-    held = takes(tracks, hit, share, rules)
-    if mask is None or not held.any():
+    if mask is None:
         return replace(tracks, held_s=np.zeros(len(tracks)))
+    lay = before.held_s > 0
+    lately = (tracks.told == tracklist.HIT) | ((tracks.misses < 2) & (before.held_s <= LEAST_S))
+    seen = hit | (lay & lately)
+    held, stays = takes(tracks, seen, share, rules), lay & takes(tracks, ~seen, share, rules)
     d, old = tracks.density, before.density
-    still, spread = lying(old.x, old.P, before.held_s > 0, mask.pixel_m)
+    still, spread = lying(old.x, old.P, lay, mask.pixel_m)
     rows = held[:, None]
     density = Giw(
         np.where(rows, still, d.x), np.where(rows[:, None], spread, d.P), np.where(rows[:, None], old.X, d.X),
@@ -103,7 +107,8 @@ def hold_covered(
     since_s = np.maximum(tracklist.seconds(tracks.t_ns - before.t_ns), LEAST_S)
     return replace(
         tracks, density=density, existence=np.where(held, before.existence, tracks.existence),
-        misses=np.where(held, before.misses, tracks.misses), held_s=np.where(held, before.held_s + since_s, 0.0),
+        misses=np.where(held, before.misses, tracks.misses),
+        held_s=np.where(held, before.held_s + since_s, np.where(stays, LEAST_S, 0.0)),
     )  # fmt: skip
 
 

@@ -89,6 +89,28 @@ def test_each_of_two_stations_hides_its_side_of_a_vessel_and_sees_less_of_that_s
     assert alone.tolist() == own.tolist() == [0.2]
 
 
+def test_what_shows_of_one_that_is_held_moves_it_until_a_step_shows_nothing_and_costs_it_no_certainty_again() -> None:
+    """A held vessel; a scan that sees some of it, one of another sensor that doesn't, and two steps of nothing."""
+    rules, mask, no = replace(CONFIG.tracker, stationary_s=60.0), Mask(np.zeros(0, np.int64), 100.0), np.zeros(1, bool)
+    before = tracks(1, confirmed=~no, held_s=np.array([20.0]))
+    moves = replace(before.density, x=np.array([[5.0, 0.0, 1.0, 0.0]]))
+
+    def after(last: tracklist.TrackList, hit: np.ndarray, sensor: str) -> tracklist.TrackList:
+        now = replace(tracklist.count(last, hit, sensor), t_ns=last.t_ns + 10**9, density=moves)
+        return stationary.hold_covered(now, last, hit, np.ones(1), mask, rules)
+
+    told, speed, held = before, [], []
+    for hit, sensor in ((~no, "a"), (no, "b"), (no, "a"), (no, "b"), (no, "a")):
+        told = after(told, hit, sensor)
+        speed.append(float(told.density.x[0, 2]))
+        held.append(float(told.held_s[0]))
+    assert speed == [1.0, 1.0, 1.0, 1.0, 0.0]
+    assert all(0.0 < s < 1e-6 for s in held[:4]) and held[4] > 0.9
+    assert_allclose(told.density.P[0, :2, :2], moves.P[0, :2, :2], rtol=0)
+    first = stationary.hold_covered(replace(before, held_s=np.zeros(1)), before, no, np.ones(1), mask, rules)
+    assert first.density.x[0, 2] == 0.0
+
+
 @pytest.mark.parametrize(("share", "held"), [(0.4, False), (0.6, True), (1.0, True)])
 def test_a_track_is_held_that_is_covered_by_half(share: float, held: bool) -> None:
     rules = replace(CONFIG.tracker, stationary_s=60.0)
