@@ -13,7 +13,7 @@ import pytest
 from maritrack.chain import Chain, ChainState, build_chain, process
 from maritrack.diff import diff
 from maritrack.errors import InputError
-from maritrack.io.archive import iter_messages, iter_results
+from maritrack.io.archive import Stored, iter_messages, iter_results
 from maritrack.job import Job, execute
 from maritrack.recording import open_inputs, open_recording
 from maritrack.settings import Config
@@ -22,6 +22,7 @@ from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.handover import read_state, state_octets
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.runon import AGREED, NEAR_EXISTENCE, NEAR_M, Keeper, alike
+from maritrack.sweep.seams import Piece, seams
 from maritrack.sweep.sources import named, opened
 from maritrack.trackers import TRACKERS
 from maritrack.types import CONFIRMED, Frame, Result
@@ -233,3 +234,44 @@ def test_what_tells_the_same() -> None:
     assert not alike(a, runs.tracks(0, np.random.default_rng(1), 5))
     twins = replace(a, position_m=np.concatenate([a.position_m[:1], a.position_m[:5]]))
     assert not alike(twins, a)
+
+
+def test_clusters_that_differ_are_not_the_same_though_the_tracks_are(recording: Path) -> None:
+    (run,) = planned(recording)
+    assert run.config is not None
+    chain = build_chain(run.config)
+    some = [frame for frame, _ in zip(frames(recording, run.config), range(5), strict=False)]
+    stored = [[Stored(topic, r.frame.k, r.frame.t_ns, data, 0) for topic, data in encode_result(r)]
+              for r in results(chain, chain.init(), some)[1]]  # fmt: skip
+    for change, agreed in ((None, [1, 2, 3, 4, 5]), ("/clusters", [1, 2, 0, 1, 2]), ("/tracks", [1, 2, 0, 1, 2])):
+        other = [list(parts) for parts in stored]
+        other[2] = [one._replace(data=was.data) if one.topic == change else one
+                    for one, was in zip(other[2], other[1], strict=False)]  # fmt: skip
+        keeper = Keeper(other=iter(other))
+        assert [(keeper.step(chain, chain.init(), frame), keeper.agreed)[1] for frame in some] == agreed
+
+
+def test_ids_go_on_from_all_that_were_given(tmp_path: Path) -> None:
+    """Also where those who had them ended before, in a piece that another one goes on from."""
+    a, on, b = (tmp_path / name for name in ("a", "on", "b"))
+    write(a, {0: [1, 2], 1: [1, 2, 9], 2: [1, 2]})
+    write(on, {3: [1, 2], 4: [1, 2]})
+    write(b, {2: [3, 4], 3: [3, 4], 4: [3, 4], 5: [3, 4], 6: [3, 4, 5]})
+    found, names = seams([Piece(a, 0, 3, False), Piece(on, 3, 5, True), Piece(b, 5, 7, False)])
+    assert [(s.scan, s.joined) for s in found] == [(5, 2)]
+    assert [[own.of(i) for i in (1, 2)] for own in names[:2]] == [[1, 2]] * 2
+    assert [names[2].of(i) for i in (3, 4, 5, 6)] == [1, 2, 10, 11]
+
+
+def write(path: Path, ids: dict[int, list[int]]) -> None:
+    """An archive with these tracks, by scan; the lowest two are each at a place of its own."""
+    results = []
+    for k, some in ids.items():
+        order = np.arange(len(some))
+        place = np.stack([1000.0 * order, 0.0 * order], axis=1)
+        own = replace(
+            runs.tracks(k, np.random.default_rng(0), len(some)), id=np.array(some, np.int64), position_m=place,
+            status=np.full(len(some), CONFIRMED),
+        )  # fmt: skip
+        results.append(replace(runs.result(k), tracks=own))
+    runs.archive(path, results, full=False)
