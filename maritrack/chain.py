@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from maritrack.cluster.kmeans import MOST_POINTS
 from maritrack.cluster.stage import cluster_points
 from maritrack.detect.background import Background, learn, mask_of, no_background, under
 from maritrack.detect.blobs import detect_blobs
@@ -18,7 +19,7 @@ from maritrack.geo import in_mask
 from maritrack.metrics.background import background_scores
 from maritrack.metrics.scores import score_frame
 from maritrack.objects import nearside
-from maritrack.settings import Config
+from maritrack.settings import ClusterConfig, Config
 from maritrack.trackers import TRACKERS, Told, Tracker
 from maritrack.types import CONFIRMED, BoolArray, Event, Frame, Mask, Points, Result, Scan, Tracks, take
 
@@ -83,7 +84,7 @@ def process(chain: Chain, state: ChainState, frame: Frame) -> tuple[ChainState, 
         scores |= background_scores(points, keep, frame.truth, margin_m=config.score.box_margin_m)
     clock.lap("score")
     alive = tuple(tracks.id[tracks.status >= CONFIRMED].tolist())
-    events = background_events(state.background, background, scan, config)
+    events = background_events(state.background, background, scan, config) + sample_events(left, config.cluster)
     events += track_events(state.alive, alive, tracks, info) if info is not None else ()
     result = Result(frame, points, keep, clusters, tracks, scores, events, clock.laps, mask, background)
     return ChainState(tracker, alive, background), result
@@ -166,6 +167,14 @@ def background_events(
     if now[name].settled:
         return (Event("info", "subtract", f"background converged after {now[name].scans} scans{tracking}"),)
     return (Event("warning", "subtract", f"background not settled after {now[name].scans} scans{tracking}"),)
+
+
+def sample_events(left: Points, config: ClusterConfig) -> tuple[Event, ...]:
+    """A log line where k-means had too many points to look at them all."""
+    if config.method != "kmeans" or len(left) <= MOST_POINTS:
+        return ()
+    text = f"{len(left)} points: k-means searched a sample of {MOST_POINTS} of them, the rest went to what is nearest"
+    return (Event("warning", "cluster", text),)
 
 
 def reported(tracks: Tracks, config: Config) -> BoolArray:

@@ -5,6 +5,9 @@ one cluster, and the paper has no rule for it. `gap` (the default): there are no
 that a gap wider than `eps_m` parts (single linkage), so that one vessel is one cluster however long it is, and
 Calinski-Harabasz doesn't cut long echoes in two. `spread`: one cluster where the root mean square distance from the
 centroid is below `one_spread_m`, else any number: nearer to the paper, which says that long echoes come in two.
+
+An index weighs points: where most of them are land it finds parts of the land, and vessels near each other are one.
+Land is for the mask of the pictures or the background, or `single-linkage` for the clusters.
 """
 
 from __future__ import annotations
@@ -15,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from maritrack.cluster.dbscan import dbscan
+from maritrack.cluster.chained import groups
 from maritrack.cluster.lloyd import lloyd, plus_plus
 from maritrack.settings import ClusterConfig
 from maritrack.types import FloatArray, IntArray
 
-MOST_POINTS = 4000  # take part in the search; of more every n-th, and all then go to their nearest centroid
+MOST_POINTS = 4000  # take part in the search; of more a sample, and all then go to their nearest centroid
 
 
 def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
@@ -30,12 +33,13 @@ def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
     """
     n = len(position_m)
     label = np.zeros(n, np.int64)
-    most = most_clusters(position_m, config) if n > 1 else 1
+    group = groups(position_m, config.eps_m) if config.k_rule == "gap" else label
+    most = most_clusters(position_m, group, config) if n > 1 else 1
     if most == 1:
         return label
     order = np.lexsort((position_m[:, 1], position_m[:, 0]))
     z = position_m[order] - position_m[order[0]]
-    sample = z[:: -(-n // MOST_POINTS)]
+    sample = z[sampled(group[order], MOST_POINTS)]
     distinct = len(np.unique(sample, axis=0))
     if distinct <= 2:  # an index needs more points than clusters
         label[order] = nearest(z, np.unique(sample, axis=0))
@@ -52,13 +56,31 @@ def kmeans(position_m: FloatArray, config: ClusterConfig) -> IntArray:
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
 
-def most_clusters(position_m: FloatArray, config: ClusterConfig) -> int:
-    """How many clusters the points (n, 2) may have, by the rule of the settings."""
+def most_clusters(position_m: FloatArray, group: IntArray, config: ClusterConfig) -> int:
+    """How many clusters the points (n, 2) of these groups (n,) may have, by the rule of the settings."""
     if config.k_rule == "spread":
         away = position_m - position_m.mean(axis=0)
         return 1 if np.sqrt((away**2).sum(axis=1).mean()) < config.one_spread_m else config.k_max
-    groups = int(dbscan(position_m, eps_m=config.eps_m, min_points=1, period_m=0.0).max()) + 1
-    return min(config.k_max, groups)
+    return min(config.k_max, int(group.max()) + 1)
+
+
+def sampled(group: IntArray, most: int) -> IntArray:
+    """Which points (s,) of groups (n,) take part where at most so many may: of the largest groups every n-th.
+
+    A boat before a coast of a thousand times its points keeps its own.
+    """
+    if len(group) <= most:
+        return np.arange(len(group))
+    size = np.bincount(group)
+    small = np.sort(size)
+    room = (most - (np.cumsum(small) - small)) // np.arange(len(small), 0, -1)  # for each, once the smaller are whole
+    each = max(int(room[np.argmax(room < small)]), 1)
+    step = -(-size // each)
+    order = np.argsort(group, kind="stable")
+    rank = np.empty(len(group), np.int64)
+    rank[order] = np.arange(len(group)) - np.repeat(np.cumsum(size) - size, size)
+    chosen = np.flatnonzero(rank % step[group] == 0)
+    return chosen[:: -(-len(chosen) // most)]
 
 
 def nearest(z: FloatArray, centre: FloatArray) -> IntArray:

@@ -12,11 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from maritrack.cluster.kmeans import INDEX, MOST_POINTS, calinski_harabasz, kmeans, most_clusters
+from maritrack.chain import sample_events
+from maritrack.cluster.chained import groups
+from maritrack.cluster.kmeans import INDEX, MOST_POINTS, calinski_harabasz, kmeans, most_clusters, sampled
 from maritrack.cluster.lloyd import lloyd, plus_plus
 from maritrack.errors import ConfigError
 from maritrack.settings import ClusterConfig
-from maritrack.types import FloatArray, IntArray
+from maritrack.types import FloatArray, IntArray, take
+from tests.unit.scans import scan_of
 
 INDICES: Any = ("calinski-harabasz", "davies-bouldin", "silhouette")
 CONFIG = ClusterConfig(method="kmeans", eps_m=30.0)
@@ -63,8 +66,9 @@ def test_two_boats_near_each_other_are_two_by_their_gap_and_one_by_their_spread(
 
 def test_a_torn_echo_is_one_by_its_spread_and_two_by_its_gap() -> None:
     points = np.concatenate([hull(0.0, 0.0, length=20.0), hull(60.0, 0.0, length=20.0, seed=1)])
-    assert most_clusters(points, CONFIG) == 2
-    assert most_clusters(points, replace(CONFIG, k_rule="spread")) == 1
+    group = groups(points, CONFIG.eps_m)
+    assert most_clusters(points, group, CONFIG) == 2
+    assert most_clusters(points, group, replace(CONFIG, k_rule="spread")) == 1
 
 
 def test_without_the_rule_of_gaps_calinski_harabasz_cuts_long_vessels() -> None:
@@ -115,6 +119,31 @@ def test_calinski_harabasz_is_its_definition() -> None:
     within = sum(((points[label == k] - points[label == k].mean(axis=0)) ** 2).sum() for k in range(3))
     between = sum((label == k).sum() * ((points[label == k].mean(axis=0) - mean) ** 2).sum() for k in range(3))
     assert_allclose(INDEX["calinski-harabasz"](points, label), (between / 2) / (within / 27))
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=30), st.integers(1, 400), st.integers(0, 99))
+def test_a_sample_has_small_groups_whole_and_of_large_ones_about_the_same(
+    sizes: list[int], most: int, seed: int
+) -> None:
+    group = np.random.default_rng(seed).permutation(np.repeat(np.arange(len(sizes)), sizes))
+    chosen = sampled(group, most)
+    assert len(chosen) <= max(most, 1) and (np.diff(chosen) > 0).all()
+    if len(group) <= most:
+        assert len(chosen) == len(group)
+    elif len(sizes) <= most:
+        left = np.bincount(group[chosen], minlength=len(sizes))
+        cut = left < np.array(sizes)
+        assert left.min() >= 1 and cut.any()
+        assert left[~cut].max(initial=0) <= 2 * left[cut].max() + 1  # none is cut down below what another may keep
+
+
+def test_a_run_says_that_its_clusters_are_those_of_a_sample() -> None:
+    _, points = scan_of(np.random.default_rng(0).uniform(-3000, 3000, (MOST_POINTS + 1, 2)), 0.0)
+    few = sample_events(take(points, np.arange(MOST_POINTS)), CONFIG)
+    assert few == () == sample_events(points, replace(CONFIG, method="singletons"))
+    (told,) = sample_events(points, CONFIG)
+    assert told.level == "warning" and str(MOST_POINTS) in told.message
 
 
 def test_many_points_are_clustered_by_a_sample_of_them() -> None:
