@@ -239,6 +239,22 @@ def test_a_zip_bomb_ends_where_it_has_unpacked_too_much(tmp_path: Path, monkeypa
     assert codes_of(frames) == {"zip-bomb": 40 - len(frames)}
 
 
+def test_a_large_file_is_read_in_small_pieces_without_copying_its_rest_for_each() -> None:
+    class Watched(bytes):
+        copied = 0
+
+        def __getitem__(self, key: object) -> bytes:  # type: ignore[override]
+            part = Watched(bytes(self)[key])  # type: ignore[index]
+            Watched.copied += len(part)
+            return part
+
+    data = bytes(range(256)) * 400
+    stream = pack.ChunkFile(iter([Watched(data), b"", b"end"]))
+    pieces = [stream.read(100) for _ in range(1000)]
+    assert b"".join(pieces) == data[:100_000] and Watched.copied <= len(data)
+    assert stream.read() == data[100_000:] + b"end" and stream.taken() == data + b"end"
+
+
 def test_a_zip_with_a_vast_directory_is_refused(tmp_path: Path) -> None:
     path = zipped(tmp_path / "f.zip", {"1.png": png()})
     data = bytearray(path.read_bytes())

@@ -26,7 +26,7 @@ REASON = "MARITRACK.left_out"  # PAX header of files whose octets are left out
 MOST_OCTETS = 64 << 20  # of a file
 MOST_FILES = 1_000_000
 MOST_DIRECTORY = 32 << 20  # octets of a ZIP's central directory
-MOST_UNPACKED, MOST_RATIO = 4 << 30, 200  # of a ZIP as a whole: what is beyond both is left out
+MOST_UNPACKED, MOST_RATIO = 1 << 30, 200  # of a ZIP as a whole: what is beyond both is left out
 UNREADABLE = (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError)
 
 
@@ -217,7 +217,7 @@ class ChunkFile(io.RawIOBase):
     """Pieces of octets as a file that can be read once; what has been handed out is kept until `taken`."""
 
     def __init__(self, chunks: Iterator[bytes]) -> None:
-        self._chunks, self._rest, self._given = chunks, b"", bytearray()
+        self._chunks, self._rest, self._given = chunks, memoryview(b""), bytearray()
 
     def read(self, size: int = -1) -> bytes:
         """Up to `size` octets; fewer at the end only."""
@@ -227,7 +227,7 @@ class ChunkFile(io.RawIOBase):
                 more = next(self._chunks, None)
                 if more is None:
                     break
-                self._rest = more
+                self._rest = memoryview(more)  # or each read of a little would copy all that is left
                 continue
             part = self._rest if left < 0 else self._rest[:left]
             self._rest = self._rest[len(part) :]
