@@ -15,13 +15,14 @@ from maritrack.io.matfile import read_mat
 
 MAT5 = b"MATLAB 5.0 MAT-file"
 DATENUM_1970, DATENUM = 719_529.0, (600_000.0, 900_000.0)  # MATLAB counts days; these are of the years 1643 to 2464
+MOST_ROWS = 4_000_000  # of a table, whose cells take ten times the memory of the numbers
 Columns = dict[str, tuple[str, ...]]
 
 
 def holds_ais(data: bytes) -> bool:
     """Whether a MATLAB file holds latitudes and longitudes."""
     try:
-        return bool(_parts(read_mat(data)))
+        return any(_rows(values) for values in _tables(read_mat(data)))
     except InputError:
         return False
 
@@ -48,25 +49,36 @@ def table_of_mat(data: bytes, *, name: str) -> Table:
 
 
 def _parts(content: Mapping[str, Any]) -> list[Columns]:
-    """The tables in a file: the variables themselves, or the structs among them."""
-    whole = _columns(content)
-    if whole is not None:
-        return [whole]
+    """The tables in a file as columns."""
+    found = [values for values in _tables(content) if _rows(values)]
+    if (rows := sum(map(_rows, found))) > MOST_ROWS:
+        raise InputError(f"{rows} reports, at most {MOST_ROWS} are read")
+    return [_columns(values) for values in found]
+
+
+def _tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What may be tables: the variables themselves, or else the structs among them."""
+    if _rows(content):
+        return [content]
     structs = [value for value in content.values() if isinstance(value, (dict, list))]
-    rows = [row for value in structs for row in (value if isinstance(value, list) else [value])]
-    found = [_columns(row) for row in rows if isinstance(row, dict)]
-    return [part for part in found if part is not None]
+    every = [row for value in structs for row in (value if isinstance(value, list) else [value])]
+    return [row for row in every if isinstance(row, dict)]
 
 
-def _columns(values: Mapping[str, Any]) -> Columns | None:
-    """A struct as columns; None where it has no latitudes and longitudes of one length."""
+def _rows(values: Mapping[str, Any]) -> int:
+    """How many latitudes and longitudes a struct has; 0 where it has none, or not as many of each."""
     named = {simple_name(name): value for name, value in values.items()}
     lat, lon = (next((named[n] for n in names if n in named), None) for names in (LAT, LON))
     if not (_numeric(lat) and _numeric(lon)):
-        return None
-    n, other = (int(np.size(np.asarray(angle))) for angle in (lat, lon))
-    if n != other:
-        return None
+        return 0
+    n, other = (int(np.asarray(angle).size) for angle in (lat, lon))
+    return n if n == other else 0
+
+
+def _columns(values: Mapping[str, Any]) -> Columns:
+    """A struct of latitudes and longitudes as columns."""
+    n = _rows(values)
+    named = {simple_name(name): value for name, value in values.items()}
     columns = {title: _cells(value, n, is_time=title in TIMES) for title, value in named.items()}
     return {title: cells for title, cells in columns.items() if cells is not None}
 

@@ -104,7 +104,8 @@ def _mat(data: bytes) -> tuple[Sequence[Any] | None, Sequence[Any] | None]:
     content = read_mat(data)
     found = [content.get(name) for name in PARTS]
     if all(rows is None for rows in found):
-        raise InputError("a MATLAB file without detectionList and groundTruth")
+        held = ", ".join(sorted(content))[:200] or "nothing"
+        raise InputError(f"a MATLAB file of neither detectionList, groundTruth nor AIS (lat, lon): it holds {held}")
     detections, truth = (None if rows is None else list_of(rows, where="document") for rows in found)
     return detections, truth
 

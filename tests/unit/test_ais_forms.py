@@ -9,7 +9,7 @@ import pytest
 from scipy.io import savemat
 
 from maritrack.errors import ConfigError, InputError, UsageError
-from maritrack.io import sniff
+from maritrack.io import aismat, sniff
 from maritrack.io.ais import read_ais
 from maritrack.io.aismat import table_of_mat
 from maritrack.io.carriers import own_ship
@@ -97,6 +97,14 @@ def test_matlab_files_of_every_arrangement_say_the_same(tmp_path):
         np.testing.assert_allclose(found.t_ns, want.t_ns, atol=1e5)
         np.testing.assert_allclose(found.position_m, want.position_m, atol=1e-6)
         np.testing.assert_allclose(found.length_m, want.length_m)
+
+
+def test_a_matlab_file_of_more_reports_than_memory_should_hold_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(aismat, "MOST_ROWS", 3)
+    data = mat(tmp_path, a={"lat": np.ones(2), "lon": np.ones(2)}, b={"lat": np.ones(2), "lon": np.ones(2)})
+    assert aismat.holds_ais(data)
+    with pytest.raises(InputError, match="x: 4 reports, at most 3 are read"):
+        table_of_mat(data, name="x")
 
 
 def test_a_matlab_file_without_positions_says_what_it_holds(tmp_path):

@@ -181,7 +181,7 @@ def test_a_mat_file_holds_detections_and_truth():
 def test_a_mat_file_of_something_else_is_an_error():
     file = io.BytesIO()
     savemat(file, {"x": 1.0})
-    with pytest.raises(InputError, match="rec: a MATLAB file without detectionList"):
+    with pytest.raises(InputError, match="rec: a MATLAB file of neither detectionList, groundTruth nor AIS"):
         source(None, data=file.getvalue())
 
 

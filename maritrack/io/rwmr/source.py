@@ -101,7 +101,8 @@ class RwmrSource:
         polar, cartesian = read.get(POLAR), read.get(CARTESIAN)
         if self._rwmr.points == "cartesian" or polar is None:
             if cartesian is None:
-                raise InputError("neither polarMeas.json nor cartesianMeas.json can be read")
+                why = "; ".join(item.message for item in self._wrong) or "neither is there"
+                raise InputError(f"neither polarMeas.json nor cartesianMeas.json can be read: {why}")
             self._guess("own-ship", "own ship's place is not told: ranges and bearings are from east = north = 0")
             return _Table(self._swapped(cartesian), False, _nowhere(len(cartesian)))
         rows = self._columns(polar)
