@@ -122,6 +122,22 @@ def test_particulars_of_several_sentences_are_joined_and_move_the_antenna_to_the
     np.testing.assert_allclose(reference.position_m[0], [-20.0, -2.0], atol=0.2)
 
 
+def test_messages_of_two_channels_or_talkers_that_count_alike_are_not_mixed():
+    first, second = particulars(235000001)
+    third, fourth = encoded({"msg_type": 5, "mmsi": 235000002, "shipname": "BRAVO"}, seq_id=3, radio_channel="B")
+    fifth, sixth = encoded({"msg_type": 5, "mmsi": 235000003, "shipname": "CHARLIE"}, seq_id=3, talker_id="BS")
+    lines = [*position(235000001, T0), *position(235000002, T0 + 1), *position(235000003, T0 + 2)]
+    told = document(*tagged([first, third, fifth, *lines, fourth, sixth, second], T0))
+    reference = read_ais(told, name="x").reference
+    assert reference.names == ("ALPHA", "BRAVO", "CHARLIE") and reference.damage == ()
+
+
+def test_a_message_in_parts_is_of_the_time_of_its_first():
+    first, second = particulars(235000001)
+    rows = read_sentences(document(*tagged([first], T0), *tagged([second], T0 + 7))).rows
+    assert rows.t_ns.tolist() == [T0 * 10**9]
+
+
 def test_what_a_second_receiver_heard_later_is_no_second_report():
     step = {"lon": -1.099}
     lines = [*tagged(position(1, T0), T0), *tagged(position(1, T0 + 10, **step), T0 + 10)]

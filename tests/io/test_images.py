@@ -346,6 +346,8 @@ def test_the_mask_leaves_the_picture_without_its_interface() -> None:
     assert mask_at(panel, (9, 15), (20, 15), (31, 15)) == [True, False, True]
     line = make(lines_deg=(90.0,), line_width_px=3.0)
     assert mask_at(line, (70, 40), (70, 41), (70, 42), (30, 40)) == [False, False, True, True]
+    up_and_right = make(lines_deg=(45.0,))
+    assert mask_at(up_and_right, (65, 25), (65, 55), (35, 25), (35, 55)) == [False, True, True, True]
     assert reach_px(make(), 100, 80) == pytest.approx(math.hypot(50, 40))
     assert reach_px(make(radius_px=20.0), 100, 80) == 20.0
 

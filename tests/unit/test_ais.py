@@ -137,6 +137,12 @@ def test_a_single_position_that_no_ship_can_have_reached_is_left_out(wrong):
     assert np.ptp(document.reference.position_m) < 1e-6
 
 
+def test_of_places_that_are_all_too_far_from_each_other_none_is_the_wrong_one():
+    lons = ["-1.1", "-1.1", "0.5", "2.0", "2.0"]
+    rows = [(f"2016-01-12 13:00:0{i}", "1", "50.7", lon, "", "", "", "") for i, lon in enumerate(lons)]
+    assert codes(read_ais(table(rows), name="x")) == {}
+
+
 def test_a_ship_that_went_on_elsewhere_is_not_a_jump():
     lons = ["-1.1", "-1.1", "0.5", "0.5"]
     rows = [(f"2016-01-12 13:00:0{i}", "1", "50.7", lon, "", "", "", "") for i, lon in enumerate(lons)]

@@ -52,6 +52,13 @@ def test_a_ship_half_a_kilometre_off_and_one_without_ais_are_found_and_nothing_e
     np.testing.assert_allclose(displaced.offset_m, [-by[0], -by[1]], atol=30.0)
 
 
+@pytest.mark.parametrize(
+    ("off_m", "said"), [(60.0, set()), (80.0, {("position", "201")}), (100.0, {("displaced", "201")})]
+)
+def test_a_position_off_by_more_than_its_covariance_is_told_and_then_a_displacement(tmp_path, off_m, said):
+    assert found(record(tmp_path, 0), tmp_path, shift={"201": (0.0, off_m)})[1] == said
+
+
 def test_a_ship_that_is_not_there_is_unseen_with_its_probability(run, tmp_path):
     check, said = found(run, tmp_path, ghost=True)
     assert said == {(UNSEEN, "999")}

@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.spatial import cKDTree
 
 from maritrack.aischeck.chains import linked
 from maritrack.aischeck.coast import hidden, read_coast
-from maritrack.aischeck.looks import Looks, beam_s
-from maritrack.aischeck.match import GATE, Noise, TrackRows, around, best_pairs
+from maritrack.aischeck.judge import MISFIT, _misfit
+from maritrack.aischeck.looks import Looks, _beside, beam_s
+from maritrack.aischeck.match import GATE, Matching, Noise, TrackRows, around, best_pairs, position_noise
 from maritrack.aischeck.seeing import alike, p_so_few, p_so_many, seeing_of
 from maritrack.aischeck.ships import Ship, comes_near, jumps, steps_m
 from maritrack.aischeck.strangers import side_lobe_of
@@ -209,6 +211,47 @@ def test_ranges_without_other_ships_tell_nothing():
     assert np.isnan(seeing.p_detect(without=0)).all()
     assert np.isfinite(seeing.p_detect()).sum() == 1
     assert seeing.spread == 0.3
+
+
+def rows_at(position_m: np.ndarray, velocity_mps: tuple[float, float], *, step_s: float = 2.5) -> TrackRows:
+    """A track of a radar at the origin, known to a metre and to a tenth of a metre a second."""
+    n = len(position_m)
+    return TrackRows(
+        np.arange(n), np.full(n, 7), step_s * np.arange(n), position_m, np.tile(velocity_mps, (n, 1)),
+        np.tile(np.diag([1.0, 1.0, 0.01, 0.01]), (n, 1, 1)), np.ones(n, bool), np.hypot(*position_m.T),
+        np.arctan2(position_m[:, 0], position_m[:, 1]),
+    )  # fmt: skip
+
+
+def test_what_a_radar_is_off_in_azimuth_is_across_the_range_and_in_range_along_it():
+    rows = rows_at(np.array([[0.0, 4000.0]]), (0.0, 0.0))
+    P = position_noise(rows, np.array([0]), ship([0, 9], [[0, 0], [0, 0]]), np.zeros((1, 2)), Noise(0.01, 20.0))[0]
+    every = 1.0 + 10.0**2 + 10.0**2  # the track, GNSS, a quarter of the hull
+    assert_allclose(P, np.diag([every + 40.0**2, every + 20.0**2]), atol=1e-9)
+    fast = position_noise(rows, np.array([0]), ship([0, 9], [[0, 0], [0, 0]]), np.array([[7.0, 0.0]]), Noise(0.0, 0.0))
+    assert_allclose(fast[0], np.diag([every + 7.0**2, every]))  # a second of its way
+
+
+@pytest.mark.parametrize(("off_mps", "wrong"), [(0.5, False), (1.3, False), (2.5, True)])
+def test_courses_disagree_where_velocities_do_beyond_three_sigma(off_mps, wrong):
+    t_s = np.arange(0.0, 40.0, 2.5)
+    way = np.stack([6.0 * t_s, np.full(len(t_s), 3000.0)], axis=-1)
+    rows, told = rows_at(way, (6.0, off_mps)), ship([-5, 50], [[-30, 3000], [300, 3000]], max_gap_moving_s=60.0)
+    matching = Matching(np.zeros(len(way), int), np.zeros((len(way), 2)), np.zeros(len(way)))
+    _, off, velocity, sigmas = _misfit(told, np.arange(len(way)), rows, matching, Noise(0.01, 20.0))
+    assert off == 0.0
+    assert_allclose(velocity, [0.0, off_mps], atol=1e-9)
+    assert (sigmas**2 > MISFIT) == wrong
+
+
+def test_echoes_of_other_ships_are_none_that_come_by_chance():
+    at, radius = np.array([[0.0, 2000.0], [5 * 50.0, 1984.0]]), np.full(2, 50.0)
+    range_m, azimuth = np.hypot(*at.T), np.arctan2(*at.T)
+    sensor = np.zeros(2)
+    assert_allclose(_beside(cKDTree(at), sensor, at, range_m, azimuth, radius), [0.0, 0.0])
+    one = (at[:1], range_m[:1], azimuth[:1], radius[:1])
+    assert_allclose(_beside(cKDTree(at), sensor, *one), [1 / 8])  # the same echo, when no ship tells that it is there
+    assert_allclose(_beside(None, sensor, *one), [0.0])
 
 
 @pytest.mark.parametrize(

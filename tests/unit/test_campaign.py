@@ -19,7 +19,7 @@ from maritrack.io.reference import truth_at
 from maritrack.io.truth import read_reference
 from maritrack.reproduce.dataset_images import judged
 from maritrack.settings import InputConfig
-from maritrack.simulate.campaign import Campaign, echoes_of, grabbed, reference_of
+from maritrack.simulate.campaign import Campaign, _hidden, echoes_of, grabbed, reference_of
 from maritrack.simulate.campaignwriter import scan_of, simulate_campaign
 from maritrack.simulate.ppi import Look
 from maritrack.simulate.scenes import load_any
@@ -69,6 +69,17 @@ def test_the_boat_of_daan_is_behind_the_ship_for_about_a_hundred_seconds() -> No
     gone = hidden_s("daan", 1)
     shadow = gone[(gone > 450) & (gone < 700)]
     assert 60 < len(shadow) < 160 and np.ptp(shadow) < 180
+
+
+def test_the_boat_is_seen_before_the_ship_and_hidden_behind_it() -> None:
+    scene, t_s = scene_of("daan"), np.zeros(1)
+    ship, boat = scene.others
+
+    def hidden(east_m: float) -> list[bool]:
+        there = (replace(v, waypoints_m=((x, 0.0),), speed_mps=0.0) for v, x in ((ship, 1000.0), (boat, east_m)))
+        return _hidden(replace(scene, vessel=(scene.vessel[0], *there)), t_s, np.zeros(2)).tolist()
+
+    assert [hidden(east_m) for east_m in (600.0, 1500.0, -1500.0)] == [[False, False], [False, True], [False, False]]
 
 
 def test_the_vessels_of_manv_meet_between_400_and_500_seconds() -> None:
