@@ -27,10 +27,11 @@ def manv() -> Campaign:
     return replace(scene, vessel=tuple(replace(v, ais=True) for v in scene.vessel))
 
 
-@pytest.fixture(scope="module", params=[1, 2])
+@pytest.fixture(scope="module", params=[(1, SCANS), (2, SCANS), pytest.param((3, 1000), marks=pytest.mark.slow)])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("manv")
-    simulate_campaign(manv(), folder / "rec.json", seed=request.param, scans=SCANS, ais=False)
+    seed, scans = request.param
+    simulate_campaign(manv(), folder / "rec.json", seed=seed, scans=scans, ais=False)
     done = call("process", folder / "rec.json", "-p", "dataset", "--set", "centroid.start=clusters",
                 "-o", folder / "run", "--no-rrd", "-q", "--json")  # fmt: skip
     assert done.code == 0, done.err
@@ -47,7 +48,7 @@ def found(run: Path, folder: Path, shift: dict[str, Shift], without: tuple[str, 
         else v
         for v in fleet
     ]
-    (folder / "ais.csv").write_text(reports_table(told, scene.origin, scene.start_s, SCANS + 20.0))
+    (folder / "ais.csv").write_text(reports_table(told, scene.origin, scene.start_s, scene.scans + 20.0))
     check = check_ais(run, folder / "ais.csv", Options())
     assert all(one.verdict == CONFIRMED for one in check.verdicts if one.id not in shift)
     return {(row["kind"], row.get("ship")) for row in finding_rows(check)}
