@@ -18,8 +18,8 @@ HELP = """What a sweep or a batch says: means with bootstrap intervals, and pair
 An input (a recording, or a scene with the noise of one seed) counts once, however many runs it has in a group. Each
 group is compared with the best one (of the first metric; held, held_by_one, iou and npv are better where larger), or
 with --against, on the inputs that both have: mean difference, its interval, and p of Wilcoxon's signed-rank test with
-Holm's correction, without --against for all pairs of groups, as the best is chosen from them. Intervals are of 95 %,
-too narrow where there are few inputs (with 5 it is 85 %, with 20 93 %). Runs that failed are left out.
+Holm's correction, without --against for all pairs of groups, as the best is chosen from them. Intervals are of 95 %:
+percentiles of the bootstrap, widened as Student's t is where inputs are few. Runs that failed are left out.
 
 Examples:
 

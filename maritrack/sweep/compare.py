@@ -107,10 +107,14 @@ def compare(rows: Sequence[Row], *, by: Sequence[str], metrics: Sequence[str], a
 
 
 def interval(values: FloatArray) -> Mean:
-    """Mean of the values (n,) of n inputs with its percentile bootstrap interval; equal values give equal intervals.
+    """Mean of the values (n,) of n inputs with its bootstrap interval; equal values give equal intervals.
 
-    Of few inputs it is too narrow: of normal values 95 % hold the mean in 85 % (n = 5), 89 % (10), 93 % (20) of cases.
+    The percentile interval is too narrow where there are few inputs: its two halves are widened by sqrt(n / (n - 1))
+    times the ratio of Student's quantile to the normal one. Of normal values it then holds the mean in 92 % (n = 2),
+    93 % (5), 95 % (10) of cases, not in 49, 81, 91 %; of exponential ones in 91, 89, 93 %.
     """
+    from scipy.special import ndtri, stdtrit
+
     n = len(values)
     if n < 2:
         return Mean(float(values[0]) if n else math.nan, math.nan, math.nan, n)
@@ -120,7 +124,9 @@ def interval(values: FloatArray) -> Mean:
         values[rng.integers(0, n, (min(size, RESAMPLES - at), n))].mean(axis=1) for at in range(0, RESAMPLES, size)
     ]
     low, high = np.quantile(np.concatenate(drawn), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Mean(float(values.mean()), float(low), float(high), n)
+    mean, upper = float(values.mean()), (1 + LEVEL) / 2
+    wider = math.sqrt(n / (n - 1)) * float(stdtrit(n - 1, upper) / ndtri(upper))
+    return Mean(mean, mean + wider * (float(low) - mean), mean + wider * (float(high) - mean), n)
 
 
 def signed_rank(differences: FloatArray) -> float:

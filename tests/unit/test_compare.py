@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import bootstrap, wilcoxon
+from scipy.stats import bootstrap, norm, t, wilcoxon
 
 from maritrack.errors import UsageError
 from maritrack.sweep.compare import Paired, compare, holm, interval, signed_rank
@@ -62,15 +62,23 @@ def test_the_order_of_rows_changes_nothing() -> None:
     assert sorted(a.groups, key=repr) == sorted(b.groups, key=repr) and a.paired == b.paired
 
 
-def test_the_interval_is_the_percentile_bootstrap() -> None:
+def test_the_interval_is_the_percentile_bootstrap_widened_as_students_t_is() -> None:
     values = np.random.default_rng(3).gamma(2.0, 3.0, 40)
     ours = interval(values)
     theirs = bootstrap(
         (values,), np.mean, method="percentile", n_resamples=9999, random_state=np.random.default_rng(4)
     ).confidence_interval
-    spread = theirs.high - theirs.low
-    assert abs(ours.low - theirs.low) < 0.05 * spread and abs(ours.high - theirs.high) < 0.05 * spread
+    wider, mean = math.sqrt(40 / 39) * t.ppf(0.975, 39) / norm.ppf(0.975), values.mean()
+    low, high = mean + wider * (theirs.low - mean), mean + wider * (theirs.high - mean)
+    assert abs(ours.low - low) < 0.02 * (high - low) and abs(ours.high - high) < 0.02 * (high - low)
     assert interval(values) == ours
+
+
+@pytest.mark.parametrize(("n", "least"), [(2, 0.88), (5, 0.9), (10, 0.92)])
+def test_intervals_of_few_inputs_hold_the_mean_as_often_as_they_say(n: int, least: float) -> None:
+    samples = np.random.default_rng(n).normal(size=(400, n))
+    told = [interval(values) for values in samples]
+    assert least < np.mean([one.low <= 0.0 <= one.high for one in told]) < 0.98
 
 
 def test_the_test_is_wilcoxons() -> None:
