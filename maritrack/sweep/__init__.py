@@ -17,7 +17,7 @@ Scale, by constants measured on one core of a shared two-core machine (CPU, not 
     the scheduler of a cluster      4 ms CPU a run
     a row                           8 KB on the disk, most of it the configuration
     the table, when all are done    0.25 ms CPU and 18 KiB of memory a run
-    splitting, per hour             3 s CPU to find the turns, once and in one process; 3 s to join
+    splitting, per hour             3 to 4 s CPU to find the turns, once and in one process; 3 to 5 s to join
     a seam, preset radar            327 turns of overlap, and 213, 262 and 520 for which the segment before is run on:
                                     69 % more turns of two hours in four segments, so that two cores gain nothing
                                     by CPU; 46 % more with segments of an hour; at most, all is run twice

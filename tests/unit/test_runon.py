@@ -125,13 +125,12 @@ def test_a_joined_run_is_that_of_one_piece(whole: Path, mended: Path) -> None:
     assert ours["counts"]["points"] == theirs["counts"]["points"]
 
 
-def test_without_running_on_it_is_not(recording: Path, whole: Path, tmp_path: Path) -> None:
-    cut = replace(CUT, run_on_s=0.0)
-    differing = apart(whole, joined(recording, tmp_path / "not", cut))
-    assert len(differing) > SCANS // 10 and min(differing) >= SCANS // 3
+def test_where_running_on_ends_too_early_it_is_not(recording: Path, whole: Path, tmp_path: Path) -> None:
     short = joined(recording, tmp_path / "short", replace(CUT, run_on_s=25.0))
     seams = told(short)["seams"]
     assert isinstance(seams, list) and [(s["run_on"], s["agreed"]) for s in seams] == [(10, False)] * 2
+    differing = apart(whole, short)
+    assert len(differing) > SCANS // 10 and min(differing) >= SCANS // 3 + 10
 
 
 def test_up_to_the_seam_it_is_so_to_the_octet(whole: Path, mended: Path) -> None:
@@ -155,8 +154,8 @@ def test_where_two_never_tell_the_same_all_is_run_again(tmp_path: Path) -> None:
 def test_workers_and_interruptions_change_no_octet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from maritrack.sweep import batch as batches
 
-    path, cut = tmp_path / "sea.json", Cut(segment_s=50.0, overlap_s=12.5)
-    path.write_text(document(60))
+    path, cut = tmp_path / "sea.json", Cut(segment_s=25.0, overlap_s=12.5)
+    path.write_text(document(30))
     one = joined(path, tmp_path / "one", cut).read_bytes()
     run_segment = batches.run_segment
     monkeypatch.setattr(batches, "run_segment", lambda task: interrupted() if task.state else run_segment(task))
