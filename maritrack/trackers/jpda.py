@@ -3,6 +3,9 @@
 The dataset paper, sec. 3.3: an extended Kalman filter of course and speed, centroids of clusters as measurements. In
 `ec-jpda` the gate and the weights count how far apart the echoes of the scan before were; `jpda` is the same with that
 dispersion zero. Tracks start at the first words of AIS or at clusters.
+
+A centroid says nothing of size: where the echoes of a vessel and of the quay beside her are one cluster, its centroid
+pulls her track along the quay, and she is lost there. In the open, at anchor, a track is held as by any tracker.
 """
 
 from __future__ import annotations
