@@ -184,7 +184,7 @@ def look(
     left = (1.0 - p * model.p_gate) * r / np.exp(log_miss)
     gone = replace(gone, existence=np.minimum(left, 1.0), cluster=np.full(n, -1, np.int64))
     gone = stationary.hold_covered(
-        gone, rows.tracks, np.zeros(n, bool), sight.covered[:n], scan.covered, config.tracker
+        gone, rows.tracks, np.zeros(n, bool), sight.covered[:n], scan, config.tracker
     )  # fmt: skip
     theirs = bernoullis.rows(before, np.arange(n, len(both)))
     mu = theirs.tracks.existence * (1.0 - sight.p_detect[n:] * model.p_gate)

@@ -128,9 +128,7 @@ def set_aside(
     rests = stationary.takes(tracks, hit, sight.covered, rules) & (state.existence >= rules.delete_existence)
     rows = np.flatnonzero(rests)
     missed = tracklist.count(tracklist.select(tracks, rows), np.zeros(len(rows), bool), scan.sensor.id)
-    held = stationary.hold_covered(
-        missed, tracklist.select(state, rows), hit[rows], sight.covered[rows], scan.covered, rules
-    )
+    held = stationary.hold_covered(missed, tracklist.select(state, rows), hit[rows], sight.covered[rows], scan, rules)
     held = replace(held, existence=np.minimum(held.existence, 1.0), cluster=np.full(len(rows), -1))
     lasts = held.held_s <= rules.stationary_s
     none = rests | (hit & (state.held_s > 0))

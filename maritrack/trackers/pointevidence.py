@@ -183,7 +183,7 @@ class PointEvidence:
 def held(missed: Bernoullis, rows: Bernoullis, hidden: FloatArray, scan: Scan, config: Config) -> Bernoullis:
     """Missed rows, those that the background takes as they were before the scan, hull and rate too."""
     none = np.zeros(len(rows), bool)
-    tracks = stationary.hold_covered(missed.tracks, rows.tracks, none, hidden, scan.covered, config.tracker)
+    tracks = stationary.hold_covered(missed.tracks, rows.tracks, none, hidden, scan, config.tracker)
     lies = tracks.held_s > 0
     if not lies.any() or scan.covered is None:
         return replace(missed, tracks=tracks)

@@ -83,22 +83,24 @@ def waiting(tracks: TrackList, lost: BoolArray, t_ns: int) -> TrackList:
 
 
 def hold_covered(
-    tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, mask: Mask | None, rules: TrackerConfig
+    tracks: TrackList, before: TrackList, hit: BoolArray, share: FloatArray, scan: Scan, rules: TrackerConfig
 ) -> TrackList:
     """The list after a scan where those that the background takes stay as they were.
 
     They keep the existence, the place and the misses of the scan before. A scan that does not look where one is held
     has a share of 1 there. What comes through of one that is held may be its way out or a flicker of the quay: it
-    stays held, so that it loses no certainty a second time, but moves on until a whole step has shown nothing of it.
+    stays held, but moves on until a whole step has shown nothing of it. When it lies again it is less certain by a
+    pixel: with several sensors once, as each would take one for what another has just seen.
     """
+    mask = scan.covered
     if mask is None:
         return replace(tracks, held_s=np.zeros(len(tracks)))
-    lay = before.held_s > 0
+    lay, several = before.held_s > 0, len(scan.also_covered) > 0
     lately = (tracks.told == tracklist.HIT) | ((tracks.misses < 2) & (before.held_s <= LEAST_S))
     seen = hit | (lay & lately)
     held, stays = takes(tracks, seen, share, rules), lay & takes(tracks, ~seen, share, rules)
     d, old = tracks.density, before.density
-    still, spread = lying(old.x, old.P, lay, mask.pixel_m)
+    still, spread = lying(old.x, old.P, lay & (several | (before.held_s > LEAST_S)), mask.pixel_m)
     rows = held[:, None]
     density = Giw(
         np.where(rows, still, d.x), np.where(rows[:, None], spread, d.P), np.where(rows[:, None], old.X, d.X),

@@ -216,7 +216,7 @@ def carry_on(
     hit, sensor, unexplained = outcome.hit, scan.sensor.id, outcome.unexplained
     tracks = tracklist.count(sight.tracks, hit, sensor)  # out of sight is a miss: what nobody sees coasts and ends
     tracks = replace(tracks, density=outcome.density, existence=outcome.existence, cluster=outcome.cluster)
-    tracks = stationary.hold_covered(tracks, state, hit, sight.covered, scan.covered, config.tracker)
+    tracks = stationary.hold_covered(tracks, state, hit, sight.covered, scan, config.tracker)
     tracks = tracklist.follow(tracks, tracklist.seconds(tracks.t_ns - state.t_ns), config.tracker)
     tracks = with_clutter(tracks, clusters, unexplained, scan, config)
     tracks = tracklist.manage(tracks, config)

@@ -89,15 +89,17 @@ def test_each_of_two_stations_hides_its_side_of_a_vessel_and_sees_less_of_that_s
     assert alone.tolist() == own.tolist() == [0.2]
 
 
-def test_what_shows_of_one_that_is_held_moves_it_until_a_step_shows_nothing_and_costs_it_no_certainty_again() -> None:
+@pytest.mark.parametrize("several", [True, False])
+def test_what_shows_of_one_that_is_held_moves_it_until_a_step_shows_nothing(several: bool) -> None:
     """A held vessel; a scan that sees some of it, one of another sensor that doesn't, and two steps of nothing."""
     rules, mask, no = replace(CONFIG.tracker, stationary_s=60.0), Mask(np.zeros(0, np.int64), 100.0), np.zeros(1, bool)
+    scan = replace(scan_of(PLACES, 1.0)[0], covered=mask, also_covered=(mask,) if several else ())
     before = tracks(1, confirmed=~no, held_s=np.array([20.0]))
     moves = replace(before.density, x=np.array([[5.0, 0.0, 1.0, 0.0]]))
 
     def after(last: tracklist.TrackList, hit: np.ndarray, sensor: str) -> tracklist.TrackList:
         now = replace(tracklist.count(last, hit, sensor), t_ns=last.t_ns + 10**9, density=moves)
-        return stationary.hold_covered(now, last, hit, np.ones(1), mask, rules)
+        return stationary.hold_covered(now, last, hit, np.ones(1), scan, rules)
 
     told, speed, held = before, [], []
     for hit, sensor in ((~no, "a"), (no, "b"), (no, "a"), (no, "b"), (no, "a")):
@@ -106,8 +108,9 @@ def test_what_shows_of_one_that_is_held_moves_it_until_a_step_shows_nothing_and_
         held.append(float(told.held_s[0]))
     assert speed == [1.0, 1.0, 1.0, 1.0, 0.0]
     assert all(0.0 < s < 1e-6 for s in held[:4]) and held[4] > 0.9
-    assert_allclose(told.density.P[0, :2, :2], moves.P[0, :2, :2], rtol=0)
-    first = stationary.hold_covered(replace(before, held_s=np.zeros(1)), before, no, np.ones(1), mask, rules)
+    pixel_m2 = 0.0 if several else 100.0**2 * np.eye(2)  # of several sensors it costs no certainty again
+    assert_allclose(told.density.P[0, :2, :2], moves.P[0, :2, :2] + pixel_m2, rtol=0)
+    first = stationary.hold_covered(replace(before, held_s=np.zeros(1)), before, no, np.ones(1), scan, rules)
     assert first.density.x[0, 2] == 0.0
 
 
@@ -116,7 +119,7 @@ def test_a_track_is_held_that_is_covered_by_half(share: float, held: bool) -> No
     rules = replace(CONFIG.tracker, stationary_s=60.0)
     before = tracks(1, confirmed=np.ones(1, bool))
     after = replace(before, t_ns=before.t_ns + 10**9, misses=before.misses + 1)
-    mask = Mask(np.zeros(0, np.int64), 100.0)
-    found = stationary.hold_covered(after, before, np.zeros(1, bool), np.array([share]), mask, rules)
+    scan = replace(scan_of(PLACES, 1.0)[0], covered=Mask(np.zeros(0, np.int64), 100.0))
+    found = stationary.hold_covered(after, before, np.zeros(1, bool), np.array([share]), scan, rules)
     assert (found.held_s[0] > 0) == held and found.misses[0] == (0 if held else 1)
     assert isinstance(found.density, Giw)
