@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -153,42 +153,42 @@ def _apart(a: Tracks | None, b: Tracks | None, pairs: Mapping[int, int]) -> floa
 def seams(pieces: Sequence[Piece]) -> tuple[list[Seam], list[Names]]:
     """All seams of a run, and what the ids of each piece become.
 
-    A track that only the segment behind a seam knows gets a number beyond all others, so that it shifts none of them.
+    A track that only the segment behind a seam knows gets a number beyond all others, so that it shifts none of them,
+    and keeps it over the seams that follow.
     """
-    found: list[Seam] = []
-    names = [Names({}, frozenset(), 0, 0)]
-    reached = 0  # highest id that the piece before has given, with what it goes on from
+    found: list[tuple[Seam, int, int] | None] = []  # with what Names tells of ids behind it; None where one goes on
+    reached, own_top, shift = 0, 0, 0  # highest id that the piece before has given, with what it goes on from
     for a, b in itertools.pairwise(pieces):
         before = tails(a.archive, b.begin)
-        reached = max(before.top, names[-1].top, reached)
+        reached = max(before.top, own_top, reached)
         if b.goes_on:
-            names.append(names[-1])
+            found.append(None)
             continue
         behind = tails(b.archive, b.begin)
-        seam = match(before, behind, b.begin)
-        known = {j: names[-1].of(i) for j, i in seam.pairs.items()}
-        top, reached = reached + names[-1].shift, behind.top
-        held = {known[j] for j, i in seam.pairs.items() if i in seam.confirmed or known[j] in names[-1].held}
-        names.append(Names(known, frozenset(held), behind.top, top - behind.top))
-        found.append(seam)
+        own_top, shift, reached = behind.top, reached + shift - behind.top, behind.top
+        found.append((match(before, behind, b.begin), own_top, shift))
     last = tails(pieces[-1].archive, pieces[-1].end)
-    return found, _strangers(pieces, names, max(last.top, names[-1].top, reached) + names[-1].shift)
+    names = _names(pieces, found, max(last.top, own_top, reached) + shift)
+    return [one[0] for one in found if one is not None], names
 
 
-def _strangers(pieces: Sequence[Piece], names: Sequence[Names], top: int) -> list[Names]:
-    """The names with those of tracks that are alive behind a seam and unknown before it."""
-    result = [names[0]]
-    for piece, own in zip(pieces[1:], names[1:], strict=True):
-        if piece.goes_on:
-            result.append(result[-1])
+def _names(pieces: Sequence[Piece], found: Sequence[tuple[Seam, int, int] | None], top: int) -> list[Names]:
+    """The names of all pieces; strangers, alive behind a seam and unknown before it, are called from `top` on."""
+    names = [Names({}, frozenset(), 0, 0)]
+    for piece, one in zip(pieces[1:], found, strict=True):
+        before = names[-1]
+        if one is None:
+            names.append(before)
             continue
-        known = dict(own.known)
+        seam, own_top, shift = one
+        known = {j: before.of(i) for j, i in seam.pairs.items()}
         for local in _alive_from(piece.archive, piece.begin):
-            if local <= own.top and local not in known:
+            if local <= own_top and local not in known:
                 top += 1
                 known[local] = top
-        result.append(replace(own, known=known))
-    return result
+        held = {known[j] for j, i in seam.pairs.items() if i in seam.confirmed or known[j] in before.held}
+        names.append(Names(known, frozenset(held), own_top, shift))
+    return names
 
 
 def _alive_from(archive: Path, scan: int) -> list[int]:

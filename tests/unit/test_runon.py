@@ -262,6 +262,16 @@ def test_ids_go_on_from_all_that_were_given(tmp_path: Path) -> None:
     assert [names[2].of(i) for i in (3, 4, 5, 6)] == [1, 2, 10, 11]
 
 
+def test_a_track_that_one_segment_alone_knew_keeps_its_number_over_the_next_seam(tmp_path: Path) -> None:
+    a, b, c = (tmp_path / name for name in "abc")
+    write(a, {0: [1, 2], 1: [1, 2]})
+    write(b, {1: [3, 4, 5, 6], 2: [3, 4, 5, 6], 3: [3, 4, 5, 6]})  # 5 and 6 are not known before
+    write(c, {3: [1, 2, 7, 8], 4: [1, 2, 7, 8], 5: [1, 2, 7, 8, 9]})
+    _, names = seams([Piece(a, 0, 2, False), Piece(b, 2, 4, False), Piece(c, 4, 6, False)])
+    assert [names[1].of(i) for i in (3, 4, 5, 6)] == [1, 2, 4, 5] and names[2].held >= {1, 2, 4, 5}
+    assert [names[2].of(i) for i in (1, 2, 7, 8, 9)] == [1, 2, 4, 5, 3]
+
+
 def write(path: Path, ids: dict[int, list[int]]) -> None:
     """An archive with these tracks, by scan; the lowest two are each at a place of its own."""
     results = []
