@@ -14,13 +14,13 @@ from .sweep import GRID, note_doubles, tell
 
 HELP = """Many recordings: a folder, a pattern, URLs. One table holds what came of them, as of `maritrack sweep`.
 
-A recording longer than --segment is run in segments of equal length, at the same time where there are cores, and
-joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn most of what the run in one piece knows by
-then, and is run on behind its end until the next one tells the same for 48 scans: up to there the joined run is that of
-one piece, ids included, from there on it is so to 1 cm, but for what the background forgets later. Where two segments
-never tell the same the whole of the next is run again. summary.json tells where the seams are, how many tracks were
-alive there and how many kept their ids. --segment 0 splits nothing. With --scheduler all workers must see DIR under
-the same path.
+A recording longer than --segment, and of 8 MiB or more, is run in segments of equal length, at the same time where
+there are cores, and joined into DIR/runs/ID/run.mcap. A segment begins with an overlap to learn most of what the run in
+one piece knows by then, and is run on behind its end until the next one tells the same for 48 scans: up to there the
+joined run is that of one piece, ids included, from there on it is so to 1 cm, but for what the background forgets
+later. Where two segments never tell the same the whole of the next is run again. summary.json tells where the seams
+are, how many tracks were alive there and how many kept their ids. --segment 0 splits nothing. With --scheduler all
+workers must see DIR under the same path.
 
 Examples:
 
@@ -69,7 +69,7 @@ def batch(
     from maritrack.sweep.plan import Settings, parse_axes, plan
     from maritrack.sweep.sources import named, octets_in, recordings
 
-    if segment < 0 or (overlap is not None and overlap < 0) or (run_on is not None and run_on < 0):
+    if not all(value >= 0 for value in (segment, overlap or 0.0, run_on or 0.0)):  # nan is neither
         raise UsageError("--segment, --overlap and --run-on must not be negative")
     names, others = recordings(places)
     if others:

@@ -24,7 +24,7 @@ from maritrack.io.source import Octets
 from maritrack.recording import Recording, open_recording
 from maritrack.sweep.plan import Run
 from maritrack.sweep.sources import Opened, opened
-from maritrack.types import IntArray
+from maritrack.types import Frame, IntArray
 
 PCAP_HEADER = 24  # octets
 NO_READING = (MaritrackError, ArithmeticError, LookupError, ValueError, TypeError, OSError, MemoryError)
@@ -36,6 +36,7 @@ class Index:
 
     t_ns: IntArray  # (n,)
     begin: IntArray  # (n,) octet where what belongs to the scan begins; 0 = all before it is to be read
+    part: IntArray  # (n,) `Scan.segment`: how often the range scale has changed or the sensor was silent
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -48,6 +49,7 @@ class Place:
     scan: int
     octet: int  # to read from, where the scan before it begins: that one tells the times of this one's first spokes
     t_ns: int  # of the scan, which tells whether reading from there gives the same
+    part: int = 0  # `Scan.segment` of the scan: reading from there counts from 0 again
 
 
 def index(run: Run) -> Index | str:
@@ -60,21 +62,23 @@ def index(run: Run) -> Index | str:
             recording = open_recording([found.octets], [found.kind], found.side, config)
             header = _header(found.octets.head) if found.kind == "cat240" else -1
             framing = _framing(found.octets) - header if header >= 0 else 0
-            times, begins, sensors, at = list[int](), list[int](), set[str](), 0
+            times, begins, parts, sensors, at = list[int](), list[int](), list[int](), set[str](), 0
             for frame in recording.frames:
                 times.append(frame.t_ns)
                 begins.append(at)
                 at += sum(len(octets) for _, octets in frame.inputs)
+                parts.append(frame.scan.segment)
                 sensors.add(frame.scan.sensor.id)
+            t_ns, part = np.array(times, np.int64), np.array(parts, np.int64)
             begin = np.maximum(np.array(begins, np.int64) - framing, 0)
-            return Index(np.array(times, np.int64), begin if header >= 0 and len(sensors) == 1 else 0 * begin)
+            return Index(t_ns, begin if header >= 0 and len(sensors) == 1 else 0 * begin, part)
     except Exception as error:  # whatever it is, it is a row once the recording is run
         return told(error)
 
 
 def place_of(found: Index, scan: int) -> Place:
     """Where to read a scan; octet 0 = from the beginning."""
-    return Place(scan, int(found.begin[max(scan - 1, 0)]), int(found.t_ns[scan]))
+    return Place(scan, int(found.begin[max(scan - 1, 0)]), int(found.t_ns[scan]), int(found.part[scan]))
 
 
 def positioned(run: Run, found: Opened, place: Place) -> tuple[Recording, int]:
@@ -90,9 +94,16 @@ def positioned(run: Run, found: Opened, place: Place) -> tuple[Recording, int]:
         except NO_READING:
             first = None
         if first is not None and first.t_ns == place.t_ns:
-            return replace(recording, frames=chain([first], recording.frames)), place.octet - header
+            more = place.part - first.scan.segment
+            frames = (_counted(frame, more) for frame in chain([first], recording.frames))
+            return replace(recording, frames=frames), place.octet - header
     recording = _recording(run, found, 0, b"")
     return replace(recording, frames=islice(recording.frames, place.scan, None)), 0
+
+
+def _counted(frame: Frame, more: int) -> Frame:
+    """The frame of a sensor that was silent, or changed its range scale, so many times more before it."""
+    return replace(frame, scan=replace(frame.scan, segment=frame.scan.segment + more)) if more else frame
 
 
 def _header(head: bytes) -> int:

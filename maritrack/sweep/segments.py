@@ -94,16 +94,16 @@ def overlap_of(run: Run) -> float:
 
 
 def split(found: Index, *, segment_s: float, overlap_s: float) -> list[Segment]:
-    """Segments of equal length, at most `segment_s` each; one where the recording is no longer than that."""
+    """Segments of equal length, at most `segment_s` or one scan each; one where the recording is no longer."""
     t = found.t_ns
     if len(t) == 0:
         return []
     span_s = float(t.max() - t[0]) * 1e-9
-    n = max(1, math.ceil(span_s / segment_s - 1e-9))
+    n = max(1, math.ceil(min(span_s / segment_s - 1e-9, len(t))))
     at_ns = t[0] + np.rint(np.arange(n) * (span_s / n) * 1e9).astype(np.int64)
     ordered = np.maximum.accumulate(t)  # a clock that steps back doesn't reorder scans
     begin = np.searchsorted(ordered, at_ns)
-    first = np.searchsorted(ordered, np.maximum(at_ns - round(overlap_s * 1e9), t[0]))
+    first = np.searchsorted(ordered, np.maximum(at_ns - round(min(overlap_s, span_s) * 1e9), t[0]))
     end = np.append(begin[1:], len(t))
     rows = [i for i in range(n) if begin[i] < end[i]]
     return [

@@ -66,7 +66,7 @@ def test_places_without_a_recording_are_wrong_use(campaign: Path, tmp_path: Path
     for place in (tmp_path / "empty", campaign / "*.cat240"):
         assert "no recording there" in call("batch", place, "-o", tmp_path / "o").error
     for option in ("--segment", "--overlap", "--run-on"):
-        assert call("batch", campaign, "-o", tmp_path / "o", option, "-1").code == 2
+        assert {call("batch", campaign, "-o", tmp_path / "o", option, wrong).code for wrong in ("-1", "nan")} == {2}
 
 
 def test_patterns_of_urls_find_recordings(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from maritrack.simulate.scenes import load_scene
 from maritrack.sweep import batch as batches
 from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.joining import renamed
-from maritrack.sweep.places import Index, index
+from maritrack.sweep.places import Index, index, place_of, positioned
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.seams import Names, Tail, match
 from maritrack.sweep.segments import overlap_of, split
@@ -154,6 +154,28 @@ def test_recordings_that_can_not_be_read_from_the_middle_give_the_same(
     assert found.equal
 
 
+def test_behind_a_silence_scans_are_those_of_the_whole_run(recording: Path, tmp_path: Path) -> None:
+    """Their segments are counted from the beginning of the recording, though they are read from the middle."""
+    octets, at, blocks = recording.read_bytes(), 0, []
+    while at < len(octets):
+        n = int.from_bytes(octets[at + 1 : at + 3], "big")
+        blocks.append(octets[at : at + n])
+        at += n
+    turn, path = len(blocks) // SCANS, tmp_path / "silent.cat240"
+    path.write_bytes(b"".join(blocks[: 10 * turn] + blocks[30 * turn :]))
+    (run,) = planned(path)
+    found = index(run)
+    assert not isinstance(found, str) and set(found.part.tolist()) == {0, 1}
+    scans = [scan for scan in range(len(found)) if found.part[scan] == 1][2:]
+    for scan in (scans[0], scans[-1]):
+        place = place_of(found, scan)
+        assert place.octet > 0
+        with opened(run.source, seed=0) as once, opened(run.source, seed=0) as again:
+            ours, theirs = (next(positioned(run, o, p)[0].frames).scan
+                            for o, p in ((once, place), (again, replace(place, octet=0))))  # fmt: skip
+        assert (ours.t_ns, ours.segment) == (theirs.t_ns, theirs.segment) == (place.t_ns, 1)
+
+
 def test_short_recordings_are_runs_of_a_sweep(recording: Path, tmp_path: Path) -> None:
     found = batch(planned(recording), tmp_path, CUT, sizes={})
     assert [row["run_id"] for row in found.rows] == [planned(recording)[0].run_id]
@@ -187,13 +209,18 @@ def test_whatever_a_recording_fails_with_is_a_row(
 def test_segments_cover_all_scans_once_and_begin_before_they_count() -> None:
     t = np.arange(0, 7200, 2.5)
     n = np.arange(len(t))
-    segments = split(Index((t * 1e9).astype(np.int64), 100 * n), segment_s=1800.0, overlap_s=600.0)
+    segments = split(Index((t * 1e9).astype(np.int64), 100 * n, 0 * n), segment_s=1800.0, overlap_s=600.0)
     assert [(s.begin, s.end) for s in segments] == [(0, 720), (720, 1440), (1440, 2160), (2160, 2880)]
     assert [s.first for s in segments] == [0, 480, 1200, 1920]
     assert all(a.end == b.begin for a, b in itertools.pairwise(segments))
     assert (segments[1].start.octet, segments[1].seam.octet, segments[0].start.octet) == (47900, 71900, 0)
+    tiny = split(Index((t * 1e9).astype(np.int64), 100 * n, 0 * n), segment_s=1e-300, overlap_s=1e300)
+    assert [(s.begin, s.end) for s in tiny] == list(
+        itertools.pairwise(range(len(t) + 1))
+    )  # no more than there are scans
+    assert all(s.first == 0 for s in tiny)
     none = np.zeros(0, np.int64)
-    assert len(split(Index(none, none), segment_s=1.0, overlap_s=0.0)) == 0
+    assert len(split(Index(none, none, none), segment_s=1.0, overlap_s=0.0)) == 0
 
 
 def tracks(ids: list[int], east_m: list[float]) -> Tracks:
