@@ -22,7 +22,7 @@ from maritrack.sweep.drive import Outcome, Tick
 from maritrack.sweep.joining import Join, join
 from maritrack.sweep.places import Index, index
 from maritrack.sweep.plan import Run
-from maritrack.sweep.segments import Segment, Task, overlap_of, paths, read_report, run_segment, split
+from maritrack.sweep.segments import Segment, Task, forget_damaged, overlap_of, paths, read_report, run_segment, split
 from maritrack.sweep.store import ROWS, RUNS, read_row, write_row, write_table
 from maritrack.sweep.work import KILLED, Done, failed, results, row_of
 
@@ -96,6 +96,8 @@ def _long(run: Run, found: Index | str, cut: Cut) -> Long | None:
 def _run_long(todo: Sequence[Long], out: Path, workers: int, scheduler: str, step: Callable[[int, int], None]) -> None:
     """Run the segments of all recordings, whatever the order, then each on until the next tells the same, then join."""
     (out / ROWS).mkdir(parents=True, exist_ok=True)
+    for one in todo:
+        forget_damaged(_folder(out, one), one.segments)
     code, errors = code_digest(), dict[str, str]()
     tasks = [
         Task(run=one.run, segment=segment, folder=str(_folder(out, one)), code_sha256=code)
@@ -106,9 +108,9 @@ def _run_long(todo: Sequence[Long], out: Path, workers: int, scheduler: str, ste
     while tasks := tasks or [
         task for one in todo if one.run.run_id not in errors for task in _due(one, _folder(out, one), code)
     ]:
-        for number, error in fan_out(run_segment, tasks, workers=workers, scheduler=scheduler, lost=lambda _: KILLED):
+        for number, failure in fan_out(run_segment, tasks, workers=workers, scheduler=scheduler, lost=lambda _: KILLED):
             task = tasks[number]
-            if error:
+            if error := failure or _unseen(task):
                 errors.setdefault(task.run.run_id, error)
             if not task.state or (task.run.run_id, task.segment.number) not in seen:  # not when it is run on anew
                 step(1, 0)
@@ -122,19 +124,27 @@ def _run_long(todo: Sequence[Long], out: Path, workers: int, scheduler: str, ste
     _join_all([one for one in todo if one.run.run_id not in errors], out, workers, scheduler, step)
 
 
+def _unseen(task: Task) -> str:
+    """Why nothing is to be had of a segment that a worker has run; "" where it is there."""
+    if read_report(Path(task.folder), task.segment.number, on=bool(task.state)) is not None:
+        return ""
+    return f"{task.folder}: what a worker wrote is not there; all must see this folder under the same path"
+
+
 def _due(one: Long, folder: Path, code: str) -> list[Task]:
     """Which segments are to be run on, from which memory: of the segment, or of what was run on through all of it.
 
-    Where it is not known yet whether the latter comes, the former is taken, so that all may be run at once.
+    Where it is not known yet whether the latter comes, the former is taken, so that all may be run at once; but once
+    only, so that what was in vain is no more than one run of each.
     """
-    due, state = [], paths(folder, one.segments[0].number).state
+    due, state, settled = list[Task](), paths(folder, one.segments[0].number).state, True
     for segment in one.segments[1:] if one.run_on_s > 0 else ():
         report = read_report(folder, segment.number, on=True)
-        done = report is not None and report["state"] == state.name
-        if not done:
+        done = settled and report is not None and report["state"] == state.name
+        if not done and (settled or report is None):
             due.append(Task(run=one.run, segment=segment, folder=str(folder), code_sha256=code, state=str(state),
                             run_on_s=one.run_on_s))  # fmt: skip
-        through = done and report is not None and report["end"] == segment.end
+        through, settled = done and report is not None and report["end"] == segment.end, done
         state = paths(folder, segment.number, on=through).state
     return due
 

@@ -10,6 +10,8 @@ has there (`maritrack.sweep.runon`).
 
 from __future__ import annotations
 
+import hashlib
+import itertools
 import json
 import math
 import os
@@ -149,7 +151,8 @@ def _run(task: Task, found: Opened) -> str:
     stages = build_chain(config, unexplained=reference is not None and not reference.complete)
     keeper = _going_on(task, stages) if on else Keeper(begin=segment.begin)
     window = _window(recording.frames, place.scan, segment, log)
-    frames = keeper.until(window, segment.end, place.t_ns + task.run_on_s * 1e9 if on else math.inf)
+    end_ns = place.t_ns + max(1, round(task.run_on_s * 1e9)) if on and task.run_on_s < math.inf else math.inf
+    frames = keeper.until(window, segment.end, end_ns)
     sink = McapSink(
         out.archive, full=False, side=found.side, chunk_scans=config.output.chunk_scans,
         points=config.output.archive_points,
@@ -166,7 +169,9 @@ def _run(task: Task, found: Opened) -> str:
         _replace(out.state, state_octets(keeper.state))
     report = {"damage": [] if on else moved, "timing": summary["timing"], "scans": summary["counts"]["scans"],
               "end": keeper.end, "agreed": keeper.agreed >= AGREED, "state": Path(task.state).name}  # fmt: skip
-    _replace(out.report, json_octets(report))
+    written = [out.archive] + [out.state] * (keeper.end == segment.end)
+    digests = {path.name: _sha256(path) for path in written}
+    _replace(out.report, json_octets({**report, "sha256": {**digests, "": _sha256_of(report)}}))
     return ""
 
 
@@ -174,7 +179,8 @@ def _going_on(task: Task, stages: Chain) -> Keeper:
     """What goes on from a memory, beside the archive of the segment that is behind the seam."""
     state = read_state(Path(task.state).read_bytes(), stages, name=task.state)
     segment = task.segment
-    return Keeper(state, told_by(paths(Path(task.folder), segment.number).archive, segment.begin))
+    other = told_by(paths(Path(task.folder), segment.number).archive, segment.begin)
+    return Keeper(state, other, end=segment.begin)
 
 
 def manifest_of(run_: Run, found: Opened, recording: Recording) -> RunManifest:
@@ -205,6 +211,36 @@ def read_report(folder: Path, number: int, *, on: bool = False) -> Mapping[str, 
     except (OSError, ValueError):
         return None
     return document if isinstance(document, dict) and own.archive.is_file() else None
+
+
+def forget_damaged(folder: Path, segments: Sequence[Segment]) -> None:
+    """Take away the reports of what is no longer as it was written, so that it is run again."""
+    for number, on in itertools.product((segment.number for segment in segments), (False, True)):
+        report = read_report(folder, number, on=on)
+        if report is not None and not _intact(folder, report):
+            paths(folder, number, on=on).report.unlink()
+
+
+def _intact(folder: Path, report: Mapping[str, Any]) -> bool:
+    """Whether a report, and each file that it tells of, is what was written."""
+    digests = report.get("sha256")
+    if not isinstance(digests, dict) or digests.get("") != _sha256_of(report):
+        return False
+    try:
+        return all(_sha256(folder / name) == digest for name, digest in digests.items() if name)
+    except OSError:
+        return False
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _sha256_of(report: Mapping[str, Any]) -> str:
+    """Of a report, but for what it tells of digests."""
+    own = {name: value for name, value in report.items() if name != "sha256"}
+    return hashlib.sha256(json_octets(own)).hexdigest()
 
 
 def damage_of(reports: Sequence[Mapping[str, Any]]) -> Iterator[Damage]:

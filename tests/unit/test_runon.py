@@ -151,26 +151,6 @@ def test_where_two_never_tell_the_same_all_is_run_again(tmp_path: Path) -> None:
     assert diff(in_one_piece(path, tmp_path / "one", "smc-phd"), found, only="tracks").parts["tracks"].n == 0
 
 
-def test_workers_and_interruptions_change_no_octet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from maritrack.sweep import batch as batches
-
-    path, cut = tmp_path / "sea.json", Cut(segment_s=25.0, overlap_s=12.5)
-    path.write_text(document(30))
-    one = joined(path, tmp_path / "one", cut).read_bytes()
-    run_segment = batches.run_segment
-    monkeypatch.setattr(batches, "run_segment", lambda task: interrupted() if task.state else run_segment(task))
-    with pytest.raises(KeyboardInterrupt):
-        joined(path, tmp_path / "two", cut)
-    monkeypatch.setattr(batches, "run_segment", lambda task: run_segment(task) if task.state else interrupted())
-    assert joined(path, tmp_path / "two", cut).read_bytes() == one  # what is finished is not run again
-    monkeypatch.undo()
-    assert joined(path, tmp_path / "three", cut, workers=2).read_bytes() == one
-
-
-def interrupted() -> str:
-    raise KeyboardInterrupt
-
-
 def frames(path: Path, config: Config) -> Iterator[Frame]:
     (octets,) = open_inputs([path])
     return open_recording([octets], ["points"], {}, config).frames
