@@ -19,7 +19,7 @@ class CentroidConfig:
     dispersion: Literal["body", "adaptive", "none"] = "body"  # ec-jpda alone: less noise and by weights; or eq. 5
     dispersion_memory_s: float = 10.0  # of a body; 0 = the last scan alone
     dispersion_decay: float = 0.9  # what is left of `adaptive` after a scan without two echoes; 1 = it stays
-    gain: Literal["dispersion", "mean", "noise"] = "dispersion"  # the update sees eq. 4; R + S_D / points; or R alone
+    gain: Literal["mean", "dispersion", "noise"] = "mean"  # the update sees R + S_D / points; all of eq. 4; or R alone
     clutter: Literal["density", "density-and-volume"] = "density"  # lambda; or lambda and V of eq. 9 and 10 both
     sigma_position_m: float = 0.5  # random walk of the place in a second
     sigma_course_deg: float = 2.0  # ... of the course

@@ -1,9 +1,9 @@
 """The experiment of the dataset paper: ec-jpda against jpda on three campaigns, 50 runs of each.
 
 Its recordings are not public: the scenes `daan`, `darc` and `manv` are simulated in their place. Tracks start at the
-first words of AIS, as most of the paper's do; the craft of manv, which has no AIS, is not followed. A third tracker is
-ec-jpda with the other reading of eq. 5, the dispersion of all points in the gate. Seeds are 2, 3, ...: scenes and
-settings were chosen while looking at seed 1.
+first words of AIS, as most of the paper's do; the craft of manv, which has no AIS, is not followed. A third tracker
+is ec-jpda with the other reading of eq. 5, the dispersion of all points in the gate, and all of it in the gain. Seeds
+are 2, 3, ...: scenes and settings were chosen while looking at seed 1.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def run_case(case: Case) -> tuple[Run, ...]:
     scene = the_scene(case.scene)
     config = settings(scene)
     seen = seen_of(case, config)
-    gate = replace(config, centroid=replace(config.centroid, dispersion="adaptive"))
+    gate = replace(config, centroid=replace(config.centroid, dispersion="adaptive", gain="dispersion"))
     return tuple(run_tracker(case, name, gate if name == GATE else config, seen) for name in TRACKERS)
 
 

@@ -184,9 +184,10 @@ def gains(
 ) -> Pairs:
     """The pairs with the covariance by which the filter updates.
 
-    Reading: dataset sec. 3.3.3 "standard EKF equations" leaves open what they take for noise: all of eq. 4 (the
-    default), the dispersion over the number of points, or R alone. A wide gate lets in centroids that answers of a
-    racon pull away, and a gain that takes them at their word follows.
+    Reading: dataset sec. 3.3.3 "standard EKF equations" leaves open what they take for noise: the dispersion over the
+    number of points, as of the mean of so many (the default), all of eq. 4, or R alone. A wide gate lets in centroids
+    that answers of a racon pull away, and a gain that takes them at their word follows: all of eq. 4 holds best there,
+    and lags in turns.
     """
     i, j, rules = pairs.i, pairs.j, config.centroid
     S = courses.P[i][:, :2, :2] + R[j]

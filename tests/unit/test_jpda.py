@@ -80,7 +80,8 @@ def test_after_passing_a_buoy_a_ship_is_followed_and_not_the_middle_of_both(seed
     """Once as wide as both are apart, a dispersion of all points in the gate keeps both there, and itself wide."""
     off = {}
     for dispersion in ("body", "adaptive"):
-        config = config_of("ec-jpda", f"centroid.dispersion={dispersion}", "tracker.birth_from=none")
+        sets = (f"centroid.dispersion={dispersion}", "centroid.gain=dispersion", "tracker.birth_from=none")
+        config = config_of("ec-jpda", *sets)
         tracker, state = TRACKERS["ec-jpda"](config), followed(config_of("ec-jpda"), 2, n=1, clutter=0)
         rng = np.random.default_rng(seed)
         for k in range(1, 57):
