@@ -20,7 +20,7 @@ from maritrack.simulate.scenes import load_scene
 from maritrack.sweep import batch as batches
 from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.joining import renamed
-from maritrack.sweep.places import Index, index, place_of, positioned
+from maritrack.sweep.places import Index, index
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.seams import Names, Tail, match
 from maritrack.sweep.segments import overlap_of, split
@@ -152,28 +152,6 @@ def test_recordings_that_can_not_be_read_from_the_middle_give_the_same(
         (tmp_path / "harbour.truth.json").rename(recording.with_name("harbour.truth.json"))
     found = diff(archive(joined), archive(tmp_path / "out"))
     assert found.equal
-
-
-def test_behind_a_silence_scans_are_those_of_the_whole_run(recording: Path, tmp_path: Path) -> None:
-    """Their segments are counted from the beginning of the recording, though they are read from the middle."""
-    octets, at, blocks = recording.read_bytes(), 0, []
-    while at < len(octets):
-        n = int.from_bytes(octets[at + 1 : at + 3], "big")
-        blocks.append(octets[at : at + n])
-        at += n
-    turn, path = len(blocks) // SCANS, tmp_path / "silent.cat240"
-    path.write_bytes(b"".join(blocks[: 10 * turn] + blocks[30 * turn :]))
-    (run,) = planned(path)
-    found = index(run)
-    assert not isinstance(found, str) and set(found.part.tolist()) == {0, 1}
-    scans = [scan for scan in range(len(found)) if found.part[scan] == 1][2:]
-    for scan in (scans[0], scans[-1]):
-        place = place_of(found, scan)
-        assert place.octet > 0
-        with opened(run.source, seed=0) as once, opened(run.source, seed=0) as again:
-            ours, theirs = (next(positioned(run, o, p)[0].frames).scan
-                            for o, p in ((once, place), (again, replace(place, octet=0))))  # fmt: skip
-        assert (ours.t_ns, ours.segment) == (theirs.t_ns, theirs.segment) == (place.t_ns, 1)
 
 
 def test_short_recordings_are_runs_of_a_sweep(recording: Path, tmp_path: Path) -> None:
