@@ -20,7 +20,8 @@ Scale, by constants measured on one core of a shared two-core machine (CPU, not 
     splitting, per hour             3 to 4 s CPU to find the turns, once and in one process; 3 to 5 s to join
     a seam, preset radar            327 turns of overlap, and 213, 262 and 520 for which the segment before is run on:
                                     69 % more turns of two hours in four segments, so that two cores gain nothing
-                                    by CPU; 46 % more with segments of an hour; at most, all is run twice
+                                    by CPU; 46 % more of a long recording by segments of an hour, by the mean of
+                                    these; at most, where none agree, all is run three times and the overlaps once
     a turn that is passed by        2 to 3 ms CPU, of what can't be read from the middle (pcapng, MCAP, gzip, several
                                     sensors): for each segment, and again where one is run on, all turns before it
     a memory that is handed on      155 KB, 10 ms CPU
@@ -31,8 +32,8 @@ and have their ids, 102,030 within 1 cm; all 101 tracks alive at the seams keep 
 Two workers against one: 1.86 times (40 runs of 1.4 s, on a machine with nothing else to do); by CPU, the workers'
 shared evenly, 1.79 (40 runs of two seconds) and 1.85 (24). A worker takes 1 s to start.
 
-What a cluster would do. Runs and segments know nothing of each other, and rows of some kilobytes are all that comes
-back, so N workers do N times the work until something else is full:
+What a cluster would do. Runs know nothing of each other, segments no more than the memory of the one before, and rows
+of some kilobytes are all that comes back, so N workers do N times the work until something else is full:
 
 - The store of recordings: a worker reads 51 MB in 29 s (1.8 MB/s), and once more to know the digest. A 10 Gbit/s link
   feeds some 700 workers, a single disk of 200 MB/s some 110.
@@ -41,9 +42,9 @@ back, so N workers do N times the work until something else is full:
 - The table: of 100,000 runs 2 GB and half a minute in the process that collects.
 - The end: the last piece is waited for. With n pieces for each worker at least n / (n + 1) of the time is work.
 
-A hundred hours of such video (5 GB) with ten settings are 1,000 runs of 29 s: 8 hours on one core, 8 minutes on 64.
-One recording of 24 hours in segments of one hour: 12 minutes on one core; on 24 workers 80 s to find the turns, 36 s
-for a segment with its overlap, 5 to 30 s to run each on, all at once, and 80 s to join: less than four minutes. Where
-two segments never tell the same, the next seam waits for that. These are estimates from the constants above; only one
-and two workers have been measured.
+A hundred hours of such video (5 GB) with ten settings are 1,000 runs of 29 s: 8 hours on one core, 8 minutes on 64. One
+recording of 24 hours in segments of one hour: 12 minutes on one core; on 24 workers 70 to 100 s to find the turns, 36 s
+for a segment with its overlap, 5 to 30 s to run each on, all at once, and 70 to 120 s to join: three to five minutes.
+Where two segments never tell the same, the next seam waits for that. These are estimates from the constants above; only
+one and two workers have been measured.
 """

@@ -19,7 +19,7 @@ def test_however_short_it_is_run_on_no_scan_is_told_twice(tmp_path: Path) -> Non
     assert [scan.k for scan in iter_results(found)] == list(range(30))
 
 
-@pytest.mark.parametrize("part", ["0000.state", "0001.mcap", "0001-on.mcap", "0001.json"])
+@pytest.mark.parametrize("part", ["0000.state", "0001.mcap", "0001-on.mcap", "0001.json", "0001-on.json"])
 @pytest.mark.parametrize("how", ["cut", "altered", "gone"])
 def test_what_is_damaged_before_it_is_joined_is_run_again(
     part: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -43,7 +43,7 @@ def damage(file: Path, how: str) -> None:
     if how == "gone":
         file.unlink()
     else:
-        file.write_bytes(octets[: len(octets) // 2] if how == "cut" else octets.replace(b'"end": ', b'"end": 1') + b" ")
+        file.write_bytes(octets[: len(octets) // 2] if how == "cut" else octets.replace(b'"end": ', b'"end": -') + b" ")
 
 
 def test_what_was_run_on_in_vain_is_no_more_than_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
