@@ -12,6 +12,7 @@ import numpy as np
 
 from maritrack import retrospect
 from maritrack.calibrate.fit import LATE_S, LATE_SIGMAS, Fit, first_guess, fit
+from maritrack.calibrate.pieces import whole_ships
 from maritrack.calibrate.search import LEAST_SCANS, Span, search
 from maritrack.calibrate.sightings import BIAS_SHARE, Radar, Sightings, Way, as_seen, sightings_of, ways_of
 from maritrack.chain import build_chain, process
@@ -26,7 +27,7 @@ from maritrack.types import BoolArray, Frame
 
 MAX_GAP_TRACK_S = 10.0  # between two rows of a track of the radar that stands for the truth
 BIAS_TRACK_M = 5.0  # at least, between the echoes of a ship in two radars
-LEAST_HITS, LEAST_HIT_SHARE, MOST_UNSTEADY = 15, 0.6, 0.2  # of a track that stands for a ship; spread of its speed
+LEAST_HITS, LEAST_HIT_SHARE, MOST_UNSTEADY = 15, 0.6, 0.15  # of a track that stands for a ship; spread of its speed
 LEAST_SHIPS = 3  # that a calibration between radars rests on
 
 
@@ -137,7 +138,7 @@ def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, di
         pose_m.append(frame.scan.position_m)
     history = retrospect.hindsight(retrospect.gather(rows), rules)
     under_way = history.rows(history.tracks.moving)
-    moving = under_way.rows(steady(under_way)).tracks
+    moving = whole_ships(under_way.rows(steady(under_way))).tracks
     ids, ship = np.unique(moving.id, return_inverse=True)
     unknown = np.full(len(ids), math.nan)
     reports = Reports(ship, moving.t_ns, moving.position_m, moving.velocity_mps, np.full(len(moving), math.nan))
@@ -151,13 +152,17 @@ def tracks_as_truth(recording: Recording, config: Config) -> tuple[Reference, di
 
 
 def steady(history: retrospect.History) -> BoolArray:
-    """Rows (m,) of tracks that live long, are hit in most scans and keep their speed: ships, not what flickers."""
+    """Rows (m,) of tracks that live long, are hit in most scans and keep their speed: ships, not what flickers.
+
+    For most of their lives (median deviation from the median): a ship may get under way or go to her berth, and the
+    echo of a long hull slides from bow to stern as it passes.
+    """
     tracks = history.tracks
-    _, group, n = np.unique(tracks.id, return_inverse=True, return_counts=True)
+    _, first, group, n = np.unique(tracks.id, return_index=True, return_inverse=True, return_counts=True)
     hit = np.bincount(group, tracks.cluster >= 0)
     speed_mps = np.hypot(tracks.velocity_mps[:, 0], tracks.velocity_mps[:, 1])
-    typical = np.bincount(group, speed_mps) / n
-    spread = np.sqrt(np.maximum(np.bincount(group, speed_mps**2) / n - typical**2, 0.0))
+    typical = retrospect.median(speed_mps, first, group)
+    spread = 1.4826 * retrospect.median(np.abs(speed_mps - typical[group]), first, group)
     good = (hit >= LEAST_HITS) & (hit >= LEAST_HIT_SHARE * n) & (spread <= MOST_UNSTEADY * typical)
     return np.asarray(good[group])
 

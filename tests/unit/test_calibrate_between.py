@@ -105,8 +105,9 @@ def test_tracks_that_stand_for_ships_are_long_lived_often_hit_and_steady() -> No
     ) -> list[tuple[int, int, float]]:
         return [(k, -1 if k < missed else 0, speeds[k % 2]) for k in range(n) for _ in [id_]]
 
+    under_way = [(k, 0, min(0.5 * k, 5.0)) for k in range(40)]
     tracks = {1: track(1, 30), 2: track(2, 12), 3: track(3, 40, missed=20), 4: track(4, 30, speeds=(2.0, 8.0)),
-              5: track(5, 40, missed=15, speeds=(4.5, 5.5))}  # fmt: skip
+              5: track(5, 40, missed=15, speeds=(4.6, 5.4)), 6: under_way}  # fmt: skip
     scans = []
     for k in range(40):
         here = [(id_, *rows[k][1:]) for id_, rows in tracks.items() if k < len(rows)]
@@ -118,4 +119,4 @@ def test_tracks_that_stand_for_ships_are_long_lived_often_hit_and_steady() -> No
             np.full(n, 9.0),
         )))  # fmt: skip
     history = gather(scans)
-    assert np.unique(history.tracks.id[steady(history)]).tolist() == [1, 5]
+    assert np.unique(history.tracks.id[steady(history)]).tolist() == [1, 5, 6]
