@@ -19,9 +19,10 @@ HELP = """Azimuth offset, range offset and latency of each sensor, and the lag o
 Clusters are compared with ships of the truth that are under way, in robust least squares; land, moorings and wrong
 pairs have little say. All come with standard deviations (1 sigma) and how many associations they rest on. A latency
 and a lag look alike: most transponders are taken to be punctual, and the latency to be within some 5 s. Without a
-truth the first recording's own moving tracks stand for it, those of three ships at least that are long and steady,
-and the other recordings are calibrated against that. Two radars see two ends of a hull: deviations are larger then,
-and slow ships tell a latency hardly better than the 5 s that it is taken to be within.
+truth the first recording's own moving tracks stand for it, those of three ships at least that are long and steady
+(pieces of one ship's track count as one), and the other recordings are calibrated against that. Two radars see two
+ends of a hull, and how much of each changes as it passes: deviations are larger then, and slow ships tell a latency
+hardly better than the 5 s that it is taken to be within, of what the sensor's settings say.
 
 -o FILE is for `maritrack process --calibration FILE`: a file of sensors (settings and offsets together), and lags
 for the metrics.

@@ -7,7 +7,7 @@ the cluster's, along the ray and across it. A lag and the latency shift the same
 be punctual, and a ship that disagrees is late. Uncertainties are those of a sum over stretches of half a minute
 (sandwich covariance), since the echo of a hull wanders slowly and neighbouring scans err alike. Where tracks of
 another radar stand for the ships, they are no less than those of a sum over whole ships: the two echoes of a hull lie
-apart for all of its way.
+apart for all of its way. How far apart changes as ships turn and pass, which is unknown too (`wander`).
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from maritrack import geo
 from maritrack.calibrate.sightings import Sightings, Way
+from maritrack.calibrate.wander import WIDTH, between_knots, knots, wander_prior
 from maritrack.types import BoolArray, FloatArray, IntArray
 
 SIGMA_LATENCY_S = 5.0  # of sensors; a radar that tells its picture later than this is not one to sail with
 SIGMA_LAG_S = (1.0, 60.0)  # of reports of ships that are punctual, and of others
 LATE_S, LATE_SIGMAS = 5.0, 3.0  # a ship is late that differs from the others by both
 NEAR_SIDE, SIGMA_NEAR_SIDE = 0.25, 0.25  # of half a hull's depth: how much nearer than its middle its echo lies
-WIDTH = 1 / 6  # of a length, where unknown
 FIRST_M, FIRST_RAD = 60.0, math.radians(0.5)  # residuals before they are known
 LEAST_M, LEAST_RAD = 3.0, math.radians(0.05)
 HUBER, GATE = 1.5, 4.0  # in standard deviations: full weight up to the first, none beyond the second
@@ -95,10 +96,11 @@ def first_guess(azimuth_rad: float, range_m: float, shift_s: FloatArray) -> Floa
 
 
 def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late: BoolArray) -> Fit:
-    n, x = len(ways), first.copy()
-    mean = first_guess(0.0, 0.0, np.zeros(n))
+    n, p = len(ways), len(first)
+    wander = wander_prior(ways)
+    x, mean = (np.concatenate([value, np.zeros(len(wander))]) for value in (first, first_guess(0.0, 0.0, np.zeros(n))))
     sigma_m, sigma_rad = FIRST_M, FIRST_RAD
-    prior = np.diag(1.0 / _prior_sigma(ways, late) ** 2)
+    prior = block_diag(np.diag(1.0 / _prior_sigma(ways, late) ** 2), wander)
     for k in range(ROUNDS):
         rows = _pair(sightings, ways, x, sigma_m, sigma_rad)
         weight, inverse = _weights(rows, sigma_m, sigma_rad)
@@ -120,12 +122,13 @@ def _solve(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, late:
     if any(way.seen_from_m is not None for way in ways):
         cov = _by_ship(cov, bread, rows, score, prior)
         cov[1, 1] += CHANGES**2 * float(np.mean([way.bias_m**2 for way in ways])) / n
+    cov, cost, x = cov[:p, :p], _cost(sightings, ways, x), x[:p]
     cov[0, 0] += (CELL_SHARE * sightings.cell_rad) ** 2
     cov[1, 1] += (CELL_SHARE * sightings.cell_m) ** 2
     shift = x[FIXED : FIXED + n] - x[2]
     square = float((weight * (rows.e**2).sum(axis=1)).sum() / max(float(weight.sum()), 1e-9))
     return Fit(
-        x, cov, shift, np.zeros(n), np.bincount(rows.ship, minlength=n), late, _cost(sightings, ways, x),
+        x, cov, shift, np.zeros(n), np.bincount(rows.ship, minlength=n), late, cost,
         math.sqrt(square),
     )  # fmt: skip
 
@@ -160,6 +163,7 @@ def _pair(
 ) -> _Rows:
     """For each ship and scan the nearest cluster, where one is within the gate."""
     n, parts = len(ways), []
+    first_knot = len(x) - 2 * sum(map(knots, ways))
     t_s, sensor_m = sightings.t_s, sightings.sensor_m(sightings.t_s - x[2])
     for s, way in enumerate(ways):
         position, velocity, under_way = way.at(t_s + x[FIXED + s] - x[2])
@@ -168,7 +172,19 @@ def _pair(
         across = np.stack([along[:, 1], -along[:, 0]], axis=1)
         i, half = FIXED + n + 2 * s, FIXED + 3 * n + s
         end = _other_end(way, along, across, position, sensor_m, t_s + x[FIXED + s] - x[2])
-        r, a = geo.en_to_polar(position + x[i] * along + x[i + 1] * across + x[half] * end - sensor_m)
+        place = position + x[i] * along + x[i + 1] * across + x[half] * end
+        shares: list[tuple[int, IntArray, FloatArray]] = []  # place that they are like, number, share of it
+        if knots(way):
+            before, on = between_knots(way, t_s)
+            shares = [
+                (j, first_knot + k * knots(way) + before + b, on if b else 1.0 - on)
+                for k, j in ((0, i), (1, i + 1))
+                for b in (0, 1)
+            ]
+            first_knot += 2 * knots(way)
+        for j, knot, share in shares:
+            place += (share * x[knot])[:, None] * (along if j == i else across)
+        r, a = geo.en_to_polar(place - sensor_m)
         depth = _half_depth(way, along, position - sensor_m)
         e = np.stack(
             [r - x[3] * depth - sightings.range_m - x[1], r * geo.wrap(a - sightings.azimuth_rad - x[0])], axis=1
@@ -189,6 +205,8 @@ def _pair(
         J[:, :, i] = np.einsum("mrk,mk->mr", axes, along[near])
         J[:, :, i + 1] = np.einsum("mrk,mk->mr", axes, across[near])
         J[:, :, half] = np.einsum("mrk,mk->mr", axes, end[near])
+        for j, knot, share in shares:
+            J[np.arange(len(near)), :, knot[near]] = share[near][:, None] * J[:, :, j]
         parts.append(_Rows(np.full(len(near), s), t_s[near], e[near], J, r[near]))
     names = ("ship", "t_s", "e", "J", "range_m")
     return _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

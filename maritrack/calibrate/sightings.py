@@ -15,6 +15,7 @@ from maritrack.settings import Config
 from maritrack.types import BoolArray, Clusters, FloatArray, Frame, IntArray, Scan
 
 BIAS_SHARE, LENGTH_M, LEAST_BIAS_M = 0.25, 200.0, 3.0  # of a ship's length, which is this where unknown
+KERNEL = 3.0  # standard deviations of a Gaussian to either side
 LEAST_SPEED_MPS = 1.0  # slower ships tell nothing about clocks, and moorings are full of echoes
 
 
@@ -106,7 +107,8 @@ def as_seen(way: Way, sightings: Sightings) -> Way:
     """A way that another radar has tracked with how far off its echo may lie here: more, the more the views differ.
 
     From one place both see the same of a hull. From two sides, or from near and from far, where only what is turned
-    to the radar exceeds the threshold, one may see the bow and the other the stern, of a ship of unknown length.
+    to the radar exceeds the threshold, one may see the bow and the other the stern, of a ship of unknown length. What
+    is shorter than that is taken out of the way.
     """
     if way.seen_from_m is None:
         return way
@@ -114,7 +116,32 @@ def as_seen(way: Way, sightings: Sightings) -> Way:
     near_m, far_m = (np.maximum(np.hypot(*offset.T), 1.0) for offset in (here, there))
     turned = np.hypot(*(here / near_m[:, None] - there / far_m[:, None]).T)
     differ = float(np.median(np.minimum(turned + np.abs(np.log(near_m / far_m)), 1.0)))
-    return replace(way, bias_m=float(np.hypot(way.bias_m, differ * BIAS_SHARE * LENGTH_M)))
+    return _steadied(replace(way, bias_m=float(np.hypot(way.bias_m, differ * BIAS_SHARE * LENGTH_M))))
+
+
+def _steadied(way: Way) -> Way:
+    """The way without what is shorter than its echo may lie off: that is of how a hull shows, not of how a ship sails.
+
+    A track's speed changes as the echo slides along the hull. In a fit those changes would tell a latency, falsely
+    and too surely. Local lines, weighted by a Gaussian of the time that the ship takes for `bias_m`.
+    """
+    scale_s, position = way.bias_m / way.speed_mps, way.position_m.copy()
+    cuts = np.flatnonzero(np.diff(way.t_s) > way.max_gap_s) + 1
+    for rows in np.split(np.arange(len(way.t_s)), cuts):
+        t_s, n = way.t_s[rows] / scale_s, len(rows)
+        ahead = int((np.searchsorted(t_s, t_s + KERNEL, side="right") - np.arange(n)).max())
+        sums, moments = np.zeros((n, 3)), np.zeros((n, 2, 2))
+        for k in range(1 - ahead, ahead):
+            i = np.arange(max(-k, 0), n - max(k, 0))
+            d = t_s[i + k] - t_s[i]
+            powers = np.where(np.abs(d) <= KERNEL, np.exp(-(d**2) / 2), 0.0)[:, None] * d[:, None] ** np.arange(3)
+            sums[i] += powers
+            moments[i] += powers[:, :2, None] * way.position_m[rows[i + k], None]
+        whole = sums[:, 0] * sums[:, 2] - sums[:, 1] ** 2
+        line = sums[:, 2:] * moments[:, 0] - sums[:, 1:2] * moments[:, 1]
+        told = whole > 0
+        position[rows[told]] = line[told] / whole[told, None]
+    return replace(way, position_m=position)
 
 
 def _since(t_ns: IntArray, start_ns: int) -> FloatArray:
