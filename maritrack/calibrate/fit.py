@@ -19,8 +19,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from maritrack import geo
-from maritrack.calibrate.sightings import Sightings, Way
-from maritrack.calibrate.wander import WIDTH, between_knots, knots, wander_prior
+from maritrack.calibrate.sightings import Sightings, Way, thinned
+from maritrack.calibrate.wander import WIDTH, between_knots, knots, spacing_s, wander_prior
 from maritrack.types import BoolArray, FloatArray, IntArray
 
 SIGMA_LATENCY_S = 5.0  # of sensors; a radar that tells its picture later than this is not one to sail with
@@ -69,6 +69,7 @@ class _Rows:
 def fit(sightings: Sightings, ways: tuple[Way, ...], first: FloatArray, *, lags: bool) -> Fit:
     """The estimates from a first guess (p,). Without `lags` all ships are punctual."""
     n = len(ways)
+    sightings = thinned(sightings, ways, columns=len(first) + len(wander_prior(ways)))
     late = np.full(n, lags)
     free = _solve(sightings, ways, first, late)
     if not lags:
@@ -163,7 +164,8 @@ def _pair(
 ) -> _Rows:
     """For each ship and scan the nearest cluster, where one is within the gate."""
     n, parts = len(ways), []
-    first_knot = len(x) - 2 * sum(map(knots, ways))
+    apart_s = spacing_s(ways)
+    first_knot = len(x) - 2 * sum(knots(way, apart_s) for way in ways)
     t_s, sensor_m = sightings.t_s, sightings.sensor_m(sightings.t_s - x[2])
     for s, way in enumerate(ways):
         position, velocity, under_way = way.at(t_s + x[FIXED + s] - x[2])
@@ -174,14 +176,14 @@ def _pair(
         end = _other_end(way, along, across, position, sensor_m, t_s + x[FIXED + s] - x[2])
         place = position + x[i] * along + x[i + 1] * across + x[half] * end
         shares: list[tuple[int, IntArray, FloatArray]] = []  # place that they are like, number, share of it
-        if knots(way):
-            before, on = between_knots(way, t_s)
+        if n_knots := knots(way, apart_s):
+            before, on = between_knots(way, t_s, apart_s)
             shares = [
-                (j, first_knot + k * knots(way) + before + b, on if b else 1.0 - on)
+                (j, first_knot + k * n_knots + before + b, on if b else 1.0 - on)
                 for k, j in ((0, i), (1, i + 1))
                 for b in (0, 1)
             ]
-            first_knot += 2 * knots(way)
+            first_knot += 2 * n_knots
         for j, knot, share in shares:
             place += (share * x[knot])[:, None] * (along if j == i else across)
         r, a = geo.en_to_polar(place - sensor_m)

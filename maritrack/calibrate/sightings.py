@@ -16,6 +16,7 @@ from maritrack.types import BoolArray, Clusters, FloatArray, Frame, IntArray, Sc
 
 BIAS_SHARE, LENGTH_M, LEAST_BIAS_M = 0.25, 200.0, 3.0  # of a ship's length, which is this where unknown
 KERNEL = 3.0  # standard deviations of a Gaussian to either side
+MOST_VALUES = 10**7  # of a Jacobian
 LEAST_SPEED_MPS = 1.0  # slower ships tell nothing about clocks, and moorings are full of echoes
 
 
@@ -75,6 +76,19 @@ class Way:
         """Where the radar was that tracked it (n, 2) at times (n,)."""
         assert self.seen_from_m is not None
         return _between(t_s, self.t_s, self.seen_from_m)
+
+
+def thinned(sightings: Sightings, ways: tuple[Way, ...], *, columns: int) -> Sightings:
+    """Every n-th scan, where all would make a Jacobian of more than `MOST_VALUES`: neighbouring scans err alike."""
+    looks = sum(np.count_nonzero((sightings.pose_s >= w.t_s[0]) & (sightings.pose_s <= w.t_s[-1])) for w in ways)
+    every = -(-2 * looks * columns // MOST_VALUES)
+    if every < 2:
+        return sightings
+    keep = sightings.scan % every == 0
+    return replace(
+        sightings, scan=sightings.scan[keep], t_s=sightings.t_s[keep], range_m=sightings.range_m[keep],
+        azimuth_rad=sightings.azimuth_rad[keep],
+    )  # fmt: skip
 
 
 def sightings_of(frames: Iterable[Frame], config: Config) -> dict[str, Sightings]:

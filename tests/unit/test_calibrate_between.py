@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 from maritrack import geo
 from maritrack.calibrate.estimate import steady
 from maritrack.calibrate.fit import CHANGES, FIXED, Fit, first_guess, fit
-from maritrack.calibrate.sightings import Sightings, Way, as_seen
+from maritrack.calibrate.sightings import MOST_VALUES, Sightings, Way, as_seen, thinned
+from maritrack.calibrate.wander import MOST_KNOTS, knots, spacing_s, wander_prior
 from maritrack.retrospect import gather
 from maritrack.types import CONFIRMED, FloatArray, Tracks
 
@@ -153,3 +154,17 @@ def test_tracks_that_stand_for_ships_are_long_lived_often_hit_and_steady() -> No
         )))  # fmt: skip
     history = gather(scans)
     assert np.unique(history.tracks.id[steady(history)]).tolist() == [1, 5, 6]
+
+
+def test_of_long_recordings_some_scans_and_few_knots_are_enough() -> None:
+    seen, ways = scene(1, [60.0, 80.0, 40.0, 70.0], uneven=0.0)
+    known = tuple(as_seen(way, seen) for way in ways)
+    columns = 4 + 4 * len(ways) + len(wander_prior(known))
+    assert thinned(seen, known, columns=columns) is seen
+    few = thinned(seen, known, columns=2 * MOST_VALUES // (2 * SCANS * len(ways)))
+    assert 0 < len(few) < len(seen) and set(few.scan) < set(seen.scan)
+    found = fitted(few, ways)
+    assert np.abs(normalised(found)).max() < 3.0 and found.sigma(0) > 0.9 * fitted(seen, ways).sigma(0)
+    t_s = np.arange(0.0, 86_400.0, 600.0)
+    days = tuple(replace(known[0], t_s=t_s) for _ in range(100))
+    assert 2 * sum(knots(way, spacing_s(days)) for way in days) < 2 * (MOST_KNOTS + 3 * len(days))
