@@ -18,19 +18,20 @@ Scale, by constants measured on one core of a shared two-core machine (CPU, not 
     a row                           8 KB on the disk, most of it the configuration
     the table, when all are done    0.25 ms CPU and 18 KiB of memory a run
     splitting, per hour             3 to 4 s CPU to find the turns, once and in one process; 3 to 5 s to join
-    a seam, preset radar            327 turns of overlap, and 213, 262 and 520 for which the segment before is run on:
-                                    69 % more turns of two hours in four segments, so that two cores gain nothing
-                                    by CPU; 46 % more of a long recording by segments of an hour, by the mean of
-                                    these; at most, where none agree, all is run three times and the overlaps once
+    a seam, preset radar            327 turns of overlap, and 213, 277 and 198 (before: 520) for which the segment
+                                    before is run on: 58 % more turns of two hours in four segments, so that two
+                                    cores gain nothing; 39 % more of a long recording by segments of an hour, by the
+                                    mean of these; at most, where none agree, all is run three times and the overlaps
+                                    once
     a turn that is passed by        2 to 3 ms CPU, of what can't be read from the middle (pcapng, MCAP, gzip, several
                                     sensors): for each segment, and again where one is run on, all turns before it
     a memory that is handed on      155 KB, 10 ms CPU
 
-Of these two hours joined, 102,063 of 102,076 rows of confirmed tracks are within 1 m of those of the run in one piece
-and have their ids, 102,030 within 1 cm; all 101 tracks alive at the seams keep their ids.
+Of these two hours joined, 102,445 of 102,477 rows of confirmed tracks are within 1 m of those of the run in one piece
+and have their ids, 102,385 within 1 cm; all 105 tracks alive at the seams keep their ids.
 
-Two workers against one: 1.86 times (40 runs of 1.4 s, on a machine with nothing else to do); by CPU, the workers'
-shared evenly, 1.79 (40 runs of two seconds) and 1.85 (24). A worker takes 1 s to start.
+Two workers against one, on a machine with nothing else to do: 1.90 times (40 runs of 1.9 s), 1.86 (1.4 s), 1.68 (1.2 s).
+A worker takes 1 s to start.
 
 What a cluster would do. Runs know nothing of each other, segments no more than the memory of the one before, and rows
 of some kilobytes are all that comes back, so N workers do N times the work until something else is full:
