@@ -30,8 +30,8 @@ Scale, by constants measured on one core of a shared two-core machine (CPU, not 
 Of these two hours joined, 102,445 of 102,477 rows of confirmed tracks are within 1 m of those of the run in one piece
 and have their ids, 102,385 within 1 cm; all 105 tracks alive at the seams keep their ids.
 
-Two workers against one, on a machine with nothing else to do: 1.90 times (40 runs of 1.9 s), 1.86 (1.4 s), 1.68 (1.2 s).
-A worker takes 1 s to start.
+Two workers against one, on a machine with nothing else to do: 1.90 times (40 runs of 1.9 s), 1.86 (1.4 s), 1.68
+(1.2 s). A worker takes 1 s to start.
 
 What a cluster would do. Runs know nothing of each other, segments no more than the memory of the one before, and rows
 of some kilobytes are all that comes back, so N workers do N times the work until something else is full:
