@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
+
+# What reading a damaged ZIP raises; RuntimeError where it is encrypted, or packed in a way that is not known.
+BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError)
+
 
 class MaritrackError(Exception):
     """Root of all errors that maritrack raises on purpose.

@@ -10,7 +10,6 @@ import io
 import json
 import math
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from maritrack import geo
 from maritrack.detect.background import Background, judged
 from maritrack.detect.pairs import BITS, Pairs
-from maritrack.errors import InputError
+from maritrack.errors import BROKEN_ZIP, InputError
 from maritrack.settings import SubtractConfig
 from maritrack.types import Origin
 
@@ -75,7 +74,7 @@ def read_snapshot(data: bytes, rules: SubtractConfig, origin: Origin | None, *, 
                 for i, told in enumerate(header["models"])
             }
             place = _place(header["origin"])
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+    except BROKEN_ZIP as error:
         raise InputError(f"{name}: no snapshot of a background: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name}: damaged snapshot of a background: {error}") from None

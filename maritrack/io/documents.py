@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
-from maritrack.errors import InputError
+from maritrack.errors import BROKEN_ZIP, InputError
 
 GZIP, ZIP = b"\x1f\x8b", b"PK\x03\x04"
 MOST = 1 << 30  # octets of an unpacked document
@@ -58,7 +58,7 @@ def _unzipped(data: bytes, name: str, most: int) -> bytes:
                 while part := file.read(STEP):
                     parts.append(part)
                     size = _checked(size + len(part), name, most)
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError, OSError) as error:
+    except (*BROKEN_ZIP, ValueError) as error:
         raise InputError(f"{name}: a ZIP that can't be unpacked: {error}") from None
     return b"".join(parts)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maritrack.chain import Chain, ChainState
-from maritrack.errors import InputError
+from maritrack.errors import BROKEN_ZIP, InputError
 
 DOCUMENT = "state.json"
 PARTS = ("tracker", "alive", "background")  # of a ChainState
@@ -51,7 +50,7 @@ def read_state(data: bytes, chain: Chain, *, name: str) -> ChainState:
         return ChainState(**{
             part: _unpacked(kinds[part], node, arrays) for part, node in zip(PARTS, document, strict=True)
         })  # fmt: skip
-    except (zipfile.BadZipFile, zlib.error, KeyError, IndexError, TypeError, ValueError, EOFError) as error:
+    except (*BROKEN_ZIP, KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"{name}: no memory of a run with this tracker: {error}") from None
 
 

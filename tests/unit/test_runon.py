@@ -183,7 +183,11 @@ def test_what_is_no_memory_of_this_tracker_is_refused(recording: Path) -> None:
     assert jipda.config is not None and engm.config is not None
     chain, other = build_chain(jipda.config), build_chain(engm.config)
     octets = state_octets(chain.init())
-    for data, reader in ((octets, other), (octets[:-40], chain), (b"", chain), (b"PK\x03\x04" + octets, other)):
+    locked = bytearray(octets)  # the flags of its first file say that it is encrypted
+    locked[6] |= 1
+    locked[octets.index(b"PK\x01\x02") + 8] |= 1
+    wrong = (octets[:-40], b"", bytes(locked))
+    for data, reader in ((octets, other), (b"PK\x03\x04" + octets, other), *((data, chain) for data in wrong)):
         with pytest.raises(InputError, match="no memory of a run with this tracker"):
             read_state(data, reader, name="memory")
 

@@ -11,14 +11,13 @@ import io
 import re
 import tarfile
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from stat import S_ISREG
 
-from maritrack.errors import InputError
+from maritrack.errors import BROKEN_ZIP, InputError
 
 IMAGE_MAGIC = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
 SIDE_NAMES = ("polarmeas.json", "cartesianmeas.json", "referencemeas.mat")  # of the DLR data set
@@ -27,7 +26,7 @@ MOST_OCTETS = 64 << 20  # of a file
 MOST_FILES = 1_000_000
 MOST_DIRECTORY = 32 << 20  # octets of a ZIP's central directory
 MOST_UNPACKED, MOST_RATIO = 1 << 30, 200  # of a ZIP as a whole: what is beyond both is left out
-UNREADABLE = (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError)
+UNREADABLE = (*BROKEN_ZIP, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
