@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from maritrack.io.archive import ArchivedScan
+from maritrack.simulate.record import simulate
+from maritrack.simulate.scenes import load_scene
 from maritrack.sinks.mcap import McapSink
 from maritrack.types import Clusters, Event, Frame, Origin, Points, Result, RunManifest, Scan, Sensor, Tracks, Truth
 
@@ -24,6 +26,15 @@ SUMMARY = {
     "metrics": {"gospa": 12.5, "ospa": float("nan")}, "counts": {"scans": 3, "warnings": {"zlib-error": 1}},
     "timing": {"total_s": 1.5}, "outputs": {"mcap": "somewhere"},
 }  # fmt: skip
+
+
+def harbour(folder: Path, *, spokes: int, cells: int, scans: int) -> Path:
+    """A recording of the harbour with few spokes and cells."""
+    scene = load_scene("harbour")
+    path = folder / "harbour.cat240"
+    small = replace(scene, radar=replace(scene.radar, spokes=spokes, cells=cells))
+    simulate(small, path, seed=3, scans=scans, ais=False, labels=False)
+    return path
 
 
 def result(k: int, *, n: int = 12, c: int = 3, t: int = 4, seed: int = 0, octets: int = 50) -> Result:

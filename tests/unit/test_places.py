@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from maritrack.simulate.record import simulate
-from maritrack.simulate.scenes import load_scene
 from maritrack.sweep.places import Index, Place, index, place_of, positioned
 from maritrack.sweep.plan import Run, Settings, plan
 from maritrack.sweep.sources import named, opened
@@ -24,11 +22,7 @@ SCANS, AT = 6, 4
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The harbour with few spokes."""
-    scene = load_scene("harbour")
-    scene = replace(scene, radar=replace(scene.radar, spokes=360, cells=60))
-    path = tmp_path_factory.mktemp("rec") / "harbour.cat240"
-    simulate(scene, path, seed=3, scans=SCANS, ais=False, labels=False)
-    return path
+    return runs.harbour(tmp_path_factory.mktemp("rec"), spokes=360, cells=60, scans=SCANS)
 
 
 def packed(recording: Path, folder: Path, kind: str) -> Path:

@@ -15,8 +15,6 @@ from maritrack.diff import diff
 from maritrack.io.archive import ArchivedScan, iter_results, read_archive
 from maritrack.job import Job, execute
 from maritrack.score import score
-from maritrack.simulate.record import simulate
-from maritrack.simulate.scenes import load_scene
 from maritrack.sweep import batch as batches
 from maritrack.sweep.batch import Cut, batch
 from maritrack.sweep.joining import renamed
@@ -35,11 +33,7 @@ SCANS, CUT = 48, Cut(segment_s=45.0, overlap_s=37.5, run_on_s=0.0)
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The harbour with few spokes, two minutes long."""
-    scene = load_scene("harbour")
-    scene = replace(scene, radar=replace(scene.radar, spokes=256, cells=300))
-    path = tmp_path_factory.mktemp("rec") / "harbour.cat240"
-    simulate(scene, path, seed=3, scans=SCANS, ais=False, labels=False)
-    return path
+    return runs.harbour(tmp_path_factory.mktemp("rec"), spokes=256, cells=300, scans=SCANS)
 
 
 def planned(path: Path | str) -> list[Run]:
